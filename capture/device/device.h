@@ -1,0 +1,50 @@
+// Light out, light in: the two interfaces that every camera and every projector output stands behind.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "calib/base/result.h"
+#include "calib/image/image.h"
+
+namespace countershade::capture {
+
+// One exposure as the camera gave it: stored numbers, before any interpretation.
+struct Exposure {
+  Image values;             // (height, width, 1 or 3), 0..full_scale
+  double full_scale = 65535;
+  double exposure_ms = 0;
+  double timestamp_s = 0;   // device clock
+  std::uint64_t counter = 0;
+  double saturated = 0;     // share of pixels at full scale
+};
+
+class Camera {
+ public:
+  virtual ~Camera() = default;
+  virtual const std::string& id() const = 0;
+  // Locks exposure and everything automatic; `exposure_ms` 0 = the device's default.
+  virtual Result<void> arm(double exposure_ms) = 0;
+  // Exposes once, now, and returns the photo. Requires arm().
+  virtual Result<Exposure> trigger() = 0;
+};
+
+class Projector {
+ public:
+  virtual ~Projector() = default;
+  virtual const std::string& id() const = 0;
+  virtual int width() const = 0;
+  virtual int height() const = 0;
+  // Shows a picture (encoded, own resolution: a Bug otherwise) and returns once it is on the screen.
+  virtual Result<void> show(const Picture& picture) = 0;
+};
+
+// All devices of a rig, opened.
+struct Devices {
+  std::vector<std::unique_ptr<Camera>> cameras;
+  std::vector<std::unique_ptr<Projector>> projectors;
+  Projector* projector(const std::string& id) const;
+};
+
+}  // namespace countershade::capture

@@ -1,0 +1,11 @@
+# Writes OUTPUT, a C++ file with the text of each file of SHADERS, keyed by file name.
+set(text "#include <string_view>\n#include <utility>\n#include <vector>\nnamespace countershade::solver {\n")
+string(APPEND text "const std::vector<std::pair<std::string_view, std::string_view>>& embedded_shaders() {\n")
+string(APPEND text "  static const std::vector<std::pair<std::string_view, std::string_view>> kShaders = {\n")
+foreach(shader ${SHADERS})
+  get_filename_component(name ${shader} NAME)
+  file(READ ${shader} body)
+  string(APPEND text "      {\"${name}\", R\"glsl(${body})glsl\"},\n")
+endforeach()
+string(APPEND text "  };\n  return kShaders;\n}\n}  // namespace countershade::solver\n")
+file(WRITE ${OUTPUT} "${text}")

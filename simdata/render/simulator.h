@@ -1,0 +1,59 @@
+// Photographs of a room that never was. Primary hits and direct light exact per pixel; indirect light path-traced with
+// any number of bounces, once per block of projector pixels, and reused for every pattern, since a photo is linear in it.
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "calib/base/progress.h"
+#include "calib/file/rig.h"
+#include "calib/geometry/lens.h"
+#include "calib/geometry/screen.h"
+#include "capture/device/device.h"
+
+namespace countershade::simdata {
+
+// Noise-free light on a camera, in units of full scale at the reference exposure, each (height, width, channels).
+struct TrueLight {
+  Image direct;    // first hit from projectors, black level included, and from the surround
+  Image indirect;  // everything that bounced
+};
+
+// Truth beside the photos, per camera pixel centre.
+struct TrueGeometry {
+  Image depth;                   // distance along the ray [m], NaN where nothing is hit
+  Image normal;                  // (height, width, 3), world
+  Image surface, u, v;           // chart point, surface -1 where nothing is hit
+  std::vector<Image> projector_x, projector_y;  // per projector, NaN where it does not light the point
+};
+
+class Simulator {
+ public:
+  // Traces everything that does not depend on a pattern. Errors: kBadValue for impossible rooms.
+  static Result<std::shared_ptr<Simulator>> make(const Rig& rig, const Simulation& simulation, Progress& progress);
+  ~Simulator();
+
+  const Rig& rig() const;
+  const Simulation& simulation() const;
+  const Screen& screen() const;
+  TrueGeometry geometry(int camera) const;
+  // pictures[q]: what projector q of the rig is sent; empty = black.
+  TrueLight light(int camera, std::span<const Picture> pictures) const;
+  // One exposure of the sum: PSF, photon and read noise, quantisation. `draw` numbers the noise.
+  capture::Exposure expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const;
+  // Full path tracing of the indirect light at given camera pixels (the check of the shortcut), `paths` per pixel:
+  // mean and standard error, (pixels, channels).
+  struct Traced { std::vector<double> mean, standard_error; };
+  Traced trace_indirect(int camera, std::span<const Picture> pictures, std::span<const Eigen::Vector2d> pixels,
+                        int paths) const;
+
+ private:
+  struct State;
+  explicit Simulator(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
+// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency.
+capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator);
+
+}  // namespace countershade::simdata

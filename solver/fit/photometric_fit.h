@@ -1,0 +1,47 @@
+// How light travels: direct gains a, indirect gains k and ambient e from the photometric frames (Ceres inside).
+#pragma once
+
+#include <Eigen/Dense>
+#include <string>
+#include <vector>
+
+#include "calib/base/progress.h"
+#include "calib/base/result.h"
+#include "solver/transport/model.h"
+
+namespace countershade::solver {
+
+// One frame reduced to patches: radiosity m (P, 3) with its sigma, light p_q (P, 3) per projector (0..1 incl. black
+// level, mean over the same camera pixels), and how many camera pixels saw the patch (0 = unseen).
+struct PatchFrame {
+  Radiosity m, sigma;
+  std::vector<Radiosity> p;
+};
+
+struct PhotometricData {
+  std::vector<PatchFrame> frames;        // frames to fit
+  std::vector<PatchFrame> held_out;      // frames to predict
+  Eigen::VectorXf seen;                  // (P): camera pixels per patch
+};
+
+struct PhotometricFit {
+  std::vector<Radiosity> a;              // per projector (P, 3); 0 where never lit
+  Radiosity e, k, k_sigma;               // (P, 3)
+  double chi2 = 0;                       // reduced
+  double held_out_error = 0;             // mean |predicted - measured| / white over held-out frames and seen patches
+  double held_out_p99 = 0;
+  std::vector<std::string> notes;
+};
+
+struct PhotometricOptions {
+  double robust_sigma = 4;               // Huber (1964) threshold in sigma
+};
+
+// Per patch and channel, linear in the unknowns because the observed radiosities stand on the right (PHYSICS 6):
+//   m_i^f = sum_q a_qi p_qi^f + e_i + k_i (F m^f)_i
+// with a prior on k_i: its surface's mean, with the spread that the data themselves show (empirical Bayes).
+// Errors: kRefused: k > 1 beyond its sigma (names the likely causes), patterns that do not identify a and k.
+Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
+                                      const PhotometricOptions& options, Progress& progress);
+
+}  // namespace countershade::solver
