@@ -34,7 +34,6 @@ struct GeometryFit {
   std::vector<ProjectorFit> projectors;
   Screen screen;                                             // in the camera frame
   std::vector<std::shared_ptr<const PlaneSurface>> planes;   // the same surfaces
-  Raster<std::int8_t> plane_of_pixel;                        // per camera pixel, -1 = none; from the correspondences
   double scale_known = 0;                                    // 1 when metres are known, else 0 (arbitrary scale)
   std::vector<double> angle_sigma;                           // per crease [rad]
   double rms_px = 0;                                         // over all projectors

@@ -1,0 +1,247 @@
+#include "solver/fit/geometry_fit.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "calib/base/parallel.h"
+#include "solver/fit/geometry_parts.h"
+
+namespace countershade::solver {
+
+namespace {
+
+using parts::Bundle;
+using parts::Matches;
+
+struct Problem {
+  std::vector<Matches> matches;  // per projector, labelled with common planes
+  std::vector<ProjectorSpec> specs;
+  std::vector<std::vector<Eigen::Matrix3d>> maps;  // per projector, own planes
+  std::vector<std::vector<int>> labels;            // per projector, own -> common
+  int planes = 0;
+};
+
+Result<Problem> segment(const Device& camera, const std::vector<ProjectorObservation>& observations,
+                        const GeometryOptions& options) {
+  Problem problem;
+  for (std::size_t q = 0; q < observations.size(); ++q) {
+    problem.specs.push_back(observations[q].spec);
+    Matches matches = parts::draw_matches(camera, observations[q], 4 * options.max_points, options.seed + q);
+    if (matches.size() < 200)
+      return error(ErrorCode::kRefused,
+                   "projector '{}': {} camera pixels carry both a column and a row, at least 200 are needed for geometry; "
+                   "look at the reasons picture of its correspondences, and check exposure and focus",
+                   observations[q].spec.id, matches.size());
+    const int most = options.planes > 0 ? options.planes : 6;
+    const auto maps = parts::segment_planes(matches, most, options.min_plane_share, options.seed + 77 * q);
+    if (maps.empty())
+      return error(ErrorCode::kRefused,
+                   "projector '{}': no plane explains {:.0f} % of its pixels; is the screen made of planes ([screen] kind)?",
+                   observations[q].spec.id, 100 * options.min_plane_share);
+    problem.maps.emplace_back();
+    problem.labels.emplace_back(maps.size());
+    for (const auto& map : maps) problem.maps.back().push_back(map.H);
+    problem.matches.push_back(std::move(matches));
+  }
+  problem.planes = parts::merge_planes(problem.matches, observations[0].x->width(), 8, problem.labels);
+  for (std::size_t q = 0; q < problem.matches.size(); ++q)
+    for (parts::Match& m : problem.matches[q])
+      if (m.plane >= 0) m.plane = problem.labels[q][m.plane];
+  return problem;
+}
+
+// Keeps at most `count` labelled matches, an equal share for each plane as far as it goes.
+Matches thin(const Matches& all, int planes, int count) {
+  std::vector<int> taken(planes);
+  Matches kept;
+  for (const parts::Match& m : all)
+    if (m.plane >= 0 && taken[m.plane] < count / planes) ++taken[m.plane], kept.push_back(m);
+  return kept;
+}
+
+struct Candidate {
+  Bundle bundle;  // one projector, its own planes at their common labels (others zero)
+  double cost = HUGE_VAL;
+};
+
+// One projector alone with the planes it lights, from every start; the cheapest wins.
+Result<Candidate> fit_alone(const Problem& problem, int q) {
+  const ProjectorSpec& spec = problem.specs[q];
+  std::vector<int> own(problem.labels[q]);
+  std::sort(own.begin(), own.end());
+  own.erase(std::unique(own.begin(), own.end()), own.end());
+  Matches matches = thin(problem.matches[q], problem.planes, 1200);
+  std::vector<int> local(problem.planes, -1);
+  for (std::size_t i = 0; i < own.size(); ++i) local[own[i]] = static_cast<int>(i);
+  for (parts::Match& m : matches) m.plane = local[m.plane];
+  if (own.size() == 1 && !(spec.throw_ratio && spec.lens_shift))
+    return error(ErrorCode::kRefused,
+                 "projector '{}' lights one plane only: its lens and pose cannot be told from one plane. State {}{}{} for it "
+                 "in rig.toml, or let it spill at least 30 cm over the edge and capture again",
+                 spec.id, spec.throw_ratio ? "" : "throw_ratio", !spec.throw_ratio && !spec.lens_shift ? " and " : "",
+                 spec.lens_shift ? "" : "lens_shift");
+  const std::vector<parts::Start> starts =
+      own.size() == 1 ? parts::starts_from_plane(matches, spec, problem.maps[q][0]) : parts::starts_from_epipolar(matches, spec);
+  Candidate best;
+  for (const parts::Start& start : starts) {
+    Bundle bundle;
+    bundle.projectors = {{start.focal, start.cx, start.cy, start.projector_from_camera}};
+    bundle.planes = parts::planes_from_start(start, matches, static_cast<int>(own.size()));
+    if (std::any_of(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return !(w.norm() > 1e-9); })) continue;
+    const double cost = parts::adjust({matches}, {spec}, false, bundle).cost;
+    if (cost < best.cost) best = {bundle, cost};
+  }
+  if (!std::isfinite(best.cost))
+    return error(ErrorCode::kRefused,
+                 "projector '{}': no pose of it explains the correspondences; check that the rows and columns of the "
+                 "patterns are the projector's own pixels (no scaling, no keystone correction) and that the lens model fits",
+                 spec.id);
+  std::vector<Eigen::Vector3d> common(problem.planes, Eigen::Vector3d::Zero());
+  for (std::size_t i = 0; i < own.size(); ++i) common[own[i]] = best.bundle.planes[i];
+  best.bundle.planes = common;
+  return best;
+}
+
+// All projectors in one scale: each one's scale follows from the planes it shares with those already placed.
+Result<Bundle> join(const Problem& problem, std::vector<Candidate> candidates) {
+  Bundle joint;
+  joint.planes.assign(problem.planes, Eigen::Vector3d::Zero());
+  joint.projectors.resize(candidates.size());
+  std::vector<bool> placed(candidates.size());
+  for (std::size_t round = 0; round < candidates.size(); ++round) {
+    int next = -1;
+    double scale = 1;
+    for (std::size_t q = 0; q < candidates.size() && next < 0; ++q) {
+      if (placed[q]) continue;
+      std::vector<double> ratios;
+      for (int p = 0; p < problem.planes; ++p)
+        if (joint.planes[p].norm() > 0 && candidates[q].bundle.planes[p].norm() > 0)
+          ratios.push_back(candidates[q].bundle.planes[p].norm() / joint.planes[p].norm());
+      if (round > 0 && ratios.empty()) continue;
+      if (round > 0) std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end()), scale = ratios[ratios.size() / 2];
+      next = static_cast<int>(q);
+    }
+    if (next < 0)
+      return error(ErrorCode::kRefused,
+                   "the projectors light no common plane, so their scales cannot be joined; let two of them overlap or "
+                   "spill onto the same wall");
+    placed[next] = true;
+    Bundle& own = candidates[next].bundle;
+    joint.projectors[next] = own.projectors[0];
+    joint.projectors[next].projector_from_camera.translation *= scale;
+    for (int p = 0; p < problem.planes; ++p)
+      if (joint.planes[p].norm() == 0) joint.planes[p] = own.planes[p] / scale;
+  }
+  return joint;
+}
+
+// Gives every match to the plane that explains it best, or to none; then adjusts everything together.
+parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options, bool covariance, Bundle& bundle) {
+  std::vector<Matches> chosen;
+  for (std::size_t q = 0; q < problem.matches.size(); ++q) {
+    const Bundle::Projector& p = bundle.projectors[q];
+    for (parts::Match& m : problem.matches[q]) {
+      double best = 2.0;  // projector pixels, as in the segmentation
+      m.plane = -1;
+      for (int label = 0; label < problem.planes; ++label) {
+        const double inverse_depth = bundle.planes[label].dot(m.ray.homogeneous());
+        if (inverse_depth <= 0) continue;
+        const Eigen::Vector3d x = p.projector_from_camera * (m.ray.homogeneous() / inverse_depth);
+        const double r = (p.focal * x.hnormalized() + Eigen::Vector2d(p.cx, p.cy) - m.q).norm();
+        if (x.z() > 0 && r < best) best = r, m.plane = label;
+      }
+    }
+    chosen.push_back(thin(problem.matches[q], problem.planes, options.max_points / static_cast<int>(problem.matches.size())));
+  }
+  return parts::adjust(chosen, problem.specs, covariance, bundle);
+}
+
+void fill_charts(const Problem& problem, const Bundle& bundle, GeometryFit& fit) {
+  std::vector<std::vector<Eigen::Vector3d>> points(problem.planes);
+  for (const Matches& matches : problem.matches)
+    for (const parts::Match& m : matches)
+      if (m.plane >= 0) points[m.plane].push_back(m.ray.homogeneous() / bundle.planes[m.plane].dot(m.ray.homogeneous()));
+  parts::Charts charts = parts::make_charts(bundle.planes, points);
+  fit.screen = std::move(charts.screen);
+  fit.planes = std::move(charts.planes);
+}
+
+// Sigma of the dihedral angles: the angle's gradient by central differences in the planes' parameters.
+void fill_angle_sigma(const Bundle& bundle, const parts::BundleResult& result, GeometryFit& fit) {
+  for (const Crease& crease : fit.screen.creases) {
+    const auto angle = [&](Eigen::VectorXd w) {
+      return std::acos(-w.head<3>().normalized().dot(w.tail<3>().normalized()));
+    };
+    Eigen::VectorXd w(6), gradient(6);
+    w << bundle.planes[crease.surface_a], bundle.planes[crease.surface_b];
+    for (int i = 0; i < 6; ++i) {
+      Eigen::VectorXd step = Eigen::VectorXd::Zero(6);
+      step[i] = 1e-5;
+      gradient[i] = (angle(w + step) - angle(w - step)) / 2e-5;
+    }
+    double variance = 0;
+    if (result.plane_covariance.size()) {
+      const int at[2] = {3 * crease.surface_a, 3 * crease.surface_b};
+      for (int a = 0; a < 2; ++a)
+        for (int b = 0; b < 2; ++b)
+          variance += gradient.segment<3>(3 * a).dot(result.plane_covariance.block<3, 3>(at[a], at[b]) * gradient.segment<3>(3 * b));
+    }
+    fit.angle_sigma.push_back(std::sqrt(std::max(0.0, variance)));
+  }
+}
+
+void scale_to_metres(const Device& camera, const ScreenSpec& spec, Bundle& bundle, const GeometryFit& fit, double& known) {
+  if (!spec.known_length) return;
+  const auto point = [&](const std::array<double, 2>& pixel) {
+    return fit.screen.intersect({Eigen::Vector3d::Zero(), camera.lens.unproject({pixel[0], pixel[1]})});
+  };
+  const ChartPoint a = point(spec.known_length->pixel_a), b = point(spec.known_length->pixel_b);
+  if (a.surface < 0 || b.surface < 0) return;
+  const double scale = spec.known_length->metres / (fit.screen.point(a) - fit.screen.point(b)).norm();
+  for (Eigen::Vector3d& w : bundle.planes) w /= scale;
+  for (auto& p : bundle.projectors) p.projector_from_camera.translation *= scale;
+  known = 1;
+}
+
+}  // namespace
+
+Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<ProjectorObservation>& observations,
+                                 const ScreenSpec& screen, const GeometryOptions& options, Progress& progress) {
+  CS_CHECK(!observations.empty(), "no projector");
+  const double steps = observations.size() + 3.0;
+  progress.step("geometry", 0, steps);
+  CS_TRY(Problem problem, segment(camera, observations, options));
+  progress.step("geometry", 1, steps);
+  std::vector<Candidate> candidates;
+  for (std::size_t q = 0; q < observations.size(); ++q) {
+    CS_TRY(Candidate candidate, fit_alone(problem, static_cast<int>(q)));
+    candidates.push_back(std::move(candidate));
+    progress.step("geometry", 2.0 + q, steps);
+  }
+  CS_TRY(Bundle bundle, join(problem, std::move(candidates)));
+  adjust_all(problem, options, false, bundle);
+  const parts::BundleResult result = adjust_all(problem, options, true, bundle);
+  GeometryFit fit;
+  fill_charts(problem, bundle, fit);
+  scale_to_metres(camera, screen, bundle, fit, fit.scale_known);
+  if (fit.scale_known > 0) fill_charts(problem, bundle, fit);
+  fill_angle_sigma(bundle, result, fit);
+  if (screen.known_length && fit.scale_known == 0)
+    fit.notes.push_back("[screen] known_length: one of its two pixels sees no fitted plane; the scale stays arbitrary");
+  for (std::size_t q = 0; q < observations.size(); ++q) {
+    const Bundle::Projector& p = bundle.projectors[q];
+    const auto& resolution = observations[q].spec.resolution;
+    ProjectorFit out{observations[q].spec.id, {Lens::pinhole(p.focal, p.cx, p.cy, resolution[0], resolution[1]), p.projector_from_camera},
+                     result.rms_px[q], q < result.sigma.size() ? result.sigma[q] : Eigen::Vector4d::Zero()};
+    fit.projectors.push_back(std::move(out));
+    fit.rms_px = std::max(fit.rms_px, result.rms_px[q]);
+    if (!observations[q].spec.lens_shift)
+      fit.notes.push_back(fmt::format("projector '{}': lens_shift not stated; its principal column is taken as the centre +- {:.0f} px",
+                                      observations[q].spec.id, observations[q].spec.lens_shift_sigma * resolution[0]));
+  }
+  progress.step("geometry", steps, steps);
+  return fit;
+}
+
+}  // namespace countershade::solver

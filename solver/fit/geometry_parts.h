@@ -1,0 +1,76 @@
+// The steps of fit_geometry, in order; each is tested on its own.
+#pragma once
+
+#include <vector>
+
+#include "solver/fit/geometry_fit.h"
+
+namespace countershade::solver::parts {
+
+// One decoded camera pixel: direction of its ray in the camera frame (z = 1), its projector pixel, sigma [px].
+struct Match {
+  Eigen::Vector2d ray;  // (x / z, y / z)
+  Eigen::Vector2d q;
+  double sigma = 0.3;
+  int pixel = 0;        // index into the camera picture, row-major
+  int plane = -1;
+};
+using Matches = std::vector<Match>;
+
+// Up to `count` decoded pixels, drawn at random (same seed, same pixels).
+Matches draw_matches(const Device& camera, const ProjectorObservation& observation, int count, std::uint64_t seed);
+
+// Labels matches by homography (camera ray -> projector pixel), the largest first, until no further one explains
+// min_share of all; the rest keeps -1. Returns the homographies, each with how many matches it explains.
+struct PlaneMap {
+  Eigen::Matrix3d H;
+  int support = 0;
+};
+std::vector<PlaneMap> segment_planes(Matches& matches, int max_planes, double min_share, std::uint64_t seed);
+
+// Gives planes of several projectors common labels where their camera pixels coincide (within `reach` pixels).
+// labels[q][own label] = common label; returns the number of common planes.
+int merge_planes(const std::vector<Matches>& matches, int camera_width, double reach, std::vector<std::vector<int>>& labels);
+
+// Where a projector may stand: starting values for the bundle adjustment, best first.
+struct Start {
+  double focal = 1, cx = 0, cy = 0;
+  Pose projector_from_camera;  // |translation| = 1
+  double score = 0;            // smaller is better
+};
+// From the epipolar geometry of >= 2 planes: f and principal row by the equality of the essential matrix's singular
+// values over a grid (Hartley & Zisserman 2004, 9.6), the column from the prior.
+std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorSpec& spec);
+// From one plane and known intrinsics: decomposition of its homography (Malis & Vargas 2007).
+std::vector<Start> starts_from_plane(const Matches& matches, const ProjectorSpec& spec, const Eigen::Matrix3d& H);
+
+// Plane {x : w . x = 1} in the camera frame, fitted to triangulated matches; label by label.
+std::vector<Eigen::Vector3d> planes_from_start(const Start& start, const Matches& matches, int planes);
+
+// The state the bundle adjustment improves.
+struct Bundle {
+  struct Projector {
+    double focal, cx, cy;
+    Pose projector_from_camera;
+  };
+  std::vector<Projector> projectors;
+  std::vector<Eigen::Vector3d> planes;  // w; |w[0]| = 1 is the gauge
+};
+struct BundleResult {
+  double cost = 0;
+  std::vector<double> rms_px;               // per projector
+  std::vector<Eigen::Vector4d> sigma;       // focal, cx, cy, relative distance
+  Eigen::MatrixXd plane_covariance;         // (3 planes, 3 planes); empty unless asked for
+};
+// matches[q] with plane labels; those labelled -1 are left out.
+BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs, bool covariance,
+                    Bundle& bundle);
+
+// Charts of the planes: they meet at creases and hold all decoded pixels. Points are given per plane.
+struct Charts {
+  Screen screen;
+  std::vector<std::shared_ptr<const PlaneSurface>> planes;
+};
+Charts make_charts(const std::vector<Eigen::Vector3d>& planes, const std::vector<std::vector<Eigen::Vector3d>>& points);
+
+}  // namespace countershade::solver::parts

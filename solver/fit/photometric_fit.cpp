@@ -1,0 +1,248 @@
+#include "solver/fit/photometric_fit.h"
+
+#include <ceres/ceres.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "calib/base/parallel.h"
+
+namespace countershade::solver {
+
+namespace {
+
+// One equation of one patch and channel: m = sum_q a_q p_q + e + k s, all divided by sigma.
+// Parameters: a_1 .. a_Q, e, k; those that nothing in the frames can tell are held.
+class PatchEquation final : public ceres::CostFunction {
+ public:
+  PatchEquation(std::vector<double> coefficients, double measured) : coefficients_(std::move(coefficients)), measured_(measured) {
+    set_num_residuals(1);
+    mutable_parameter_block_sizes()->push_back(static_cast<int>(coefficients_.size()));
+  }
+  bool Evaluate(const double* const* parameters, double* residuals, double** jacobians) const override {
+    residuals[0] = -measured_;
+    for (std::size_t i = 0; i < coefficients_.size(); ++i) residuals[0] += coefficients_[i] * parameters[0][i];
+    if (jacobians && jacobians[0]) std::copy(coefficients_.begin(), coefficients_.end(), jacobians[0]);
+    return true;
+  }
+
+ private:
+  std::vector<double> coefficients_;
+  double measured_;
+};
+
+// Prior knowledge of the indirect gain of a surface and channel.
+struct GainPrior {
+  double mean = 0.5, sigma = 1;
+};
+
+struct PatchSolution {
+  std::vector<double> x;   // a_1 .. a_Q, e, k
+  double k_sigma = 0;      // from the data alone (infinite where they say nothing)
+  double chi2 = 0;
+  int freedom = 0;         // equations less the parameters they determine
+};
+
+struct PatchProblem {
+  std::vector<std::vector<double>> rows;  // coefficients over sigma
+  std::vector<double> measured;           // over sigma
+  std::vector<bool> lit;                  // per projector
+  double scale = 1;                       // largest m, the unit of weak priors
+};
+
+PatchProblem collect(const PhotometricData& data, const std::vector<Radiosity>& shade, int patch, int c) {
+  PatchProblem problem;
+  const std::size_t projectors = data.frames.empty() ? 0 : data.frames[0].p.size();
+  problem.lit.assign(projectors, false);
+  for (std::size_t f = 0; f < data.frames.size(); ++f) {
+    const PatchFrame& frame = data.frames[f];
+    const double sigma = frame.sigma(patch, c);
+    if (!frame.channels[c] || !std::isfinite(sigma) || sigma <= 0) continue;
+    std::vector<double> row;
+    for (std::size_t q = 0; q < projectors; ++q) {
+      row.push_back(frame.p[q](patch, c) / sigma);
+      problem.lit[q] = problem.lit[q] || frame.p[q](patch, c) > 0.05;
+    }
+    row.push_back(1 / sigma);
+    row.push_back(shade[f](patch, c) / sigma);
+    problem.rows.push_back(std::move(row));
+    problem.measured.push_back(frame.m(patch, c) / sigma);
+    problem.scale = std::max(f ? problem.scale : 0.0, static_cast<double>(frame.m(patch, c)));
+  }
+  return problem;
+}
+
+// Standard deviation of k when only the equations speak.
+double k_sigma_of(const PatchProblem& problem, const std::vector<double>& weak) {
+  const int n = static_cast<int>(weak.size());
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(n, n);
+  for (const auto& row : problem.rows) {
+    const Eigen::Map<const Eigen::VectorXd> r(row.data(), n);
+    normal += r * r.transpose();
+  }
+  for (int i = 0; i + 1 < n; ++i) normal(i, i) += weak[i] * weak[i];
+  // Schur complement of k: what is left of its information once the others are free.
+  const Eigen::VectorXd others = normal.col(n - 1).head(n - 1);
+  const double information = normal(n - 1, n - 1) - others.dot(normal.topLeftCorner(n - 1, n - 1).ldlt().solve(others));
+  return information > 1e-12 * normal(n - 1, n - 1) && information > 0 ? 1 / std::sqrt(information) : HUGE_VAL;
+}
+
+PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, double inflation, double robust_sigma) {
+  const int n = static_cast<int>(problem.lit.size()) + 2;
+  PatchSolution solution;
+  solution.x.assign(n, 0.0);
+  solution.x[n - 1] = prior.mean;
+  // Directions that no equation holds are kept at zero by a prior far weaker than any measurement.
+  std::vector<double> weak(n, 1e-3 / std::max(problem.scale, 1e-9));
+  for (std::size_t q = 0; q < problem.lit.size(); ++q)
+    if (!problem.lit[q]) weak[q] = 1e6 / std::max(problem.scale, 1e-9);
+  weak[n - 1] = 1 / prior.sigma;
+  ceres::Problem::Options problem_options;
+  problem_options.disable_all_safety_checks = true;
+  ceres::Problem ceres_problem(problem_options);
+  double* x = solution.x.data();
+  for (std::size_t r = 0; r < problem.rows.size(); ++r) {
+    std::vector<double> row = problem.rows[r];
+    for (double& v : row) v /= inflation;
+    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), problem.measured[r] / inflation),
+                                   new ceres::HuberLoss(robust_sigma), x);
+  }
+  for (int i = 0; i < n; ++i) {
+    std::vector<double> row(n, 0.0);
+    row[i] = weak[i];
+    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), i == n - 1 ? prior.mean * weak[i] : 0.0), nullptr, x);
+  }
+  ceres::Solver::Options options;
+  options.linear_solver_type = ceres::DENSE_QR;
+  options.max_num_iterations = 20;
+  options.initial_trust_region_radius = 1e12;  // linear but for the loss: the first step is the answer
+  options.logging_type = ceres::SILENT;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &ceres_problem, &summary);
+  solution.k_sigma = k_sigma_of(problem, weak) * inflation;
+  int parameters = 2;
+  for (bool lit : problem.lit) parameters += lit;
+  solution.freedom = std::max(0, static_cast<int>(problem.rows.size()) - parameters);
+  for (std::size_t r = 0; r < problem.rows.size(); ++r) {
+    double residual = -problem.measured[r];
+    for (int i = 0; i < n; ++i) residual += problem.rows[r][i] * x[i];
+    solution.chi2 += residual * residual;
+  }
+  return solution;
+}
+
+// Mean and spread of k over a surface: the spread is what is left of the scatter beyond the patches' own sigma
+// (DerSimonian & Laird 1986), so noise does not pass for structure.
+GainPrior pool(const std::vector<double>& k, const std::vector<double>& sigma) {
+  double weights = 0, weighted = 0, squares = 0;
+  for (std::size_t i = 0; i < k.size(); ++i) {
+    if (!std::isfinite(sigma[i])) continue;
+    const double w = 1 / (sigma[i] * sigma[i]);
+    weights += w, weighted += w * k[i], squares += w * w;
+  }
+  if (weights <= 0) return {0.5, 0.5};
+  const double mean = weighted / weights;
+  double Q = 0;
+  int count = 0;
+  for (std::size_t i = 0; i < k.size(); ++i)
+    if (std::isfinite(sigma[i])) Q += std::min(25.0, (k[i] - mean) * (k[i] - mean) / (sigma[i] * sigma[i])), ++count;
+  const double variance = std::max(0.0, (Q - (count - 1)) / std::max(1e-12, weights - squares / weights));
+  return {mean, std::max(1e-3, std::sqrt(variance))};
+}
+
+// Errors of predicted held-out frames at seen patches, as fractions of white.
+std::vector<double> held_out_errors(const Eigen::MatrixXf& F, const PhotometricData& data, const PhotometricFit& fit) {
+  std::vector<double> errors;
+  for (const PatchFrame& frame : data.held_out) {
+    Radiosity direct = fit.e;
+    for (std::size_t q = 0; q < fit.a.size(); ++q) direct += fit.a[q].cwiseProduct(frame.p[q]);
+    Radiosity B = direct;
+    for (int i = 0; i < 200; ++i) {  // Jacobi; the spectral radius of K is below 1
+      const Radiosity next = direct + fit.k.cwiseProduct(Radiosity(F * B));
+      const float change = (next - B).cwiseAbs().maxCoeff();
+      B = next;
+      if (change < 1e-7f * data.white) break;
+    }
+    for (int i = 0; i < B.rows(); ++i)
+      for (int c = 0; c < 3; ++c)
+        if (std::isfinite(frame.sigma(i, c)) && data.seen[i] > 0) errors.push_back(std::abs(B(i, c) - frame.m(i, c)) / data.white);
+  }
+  return errors;
+}
+
+}  // namespace
+
+Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
+                                      const PhotometricOptions& options, Progress& progress) {
+  const int P = patches.size();
+  CS_CHECK(F.rows() == P && F.cols() == P && data.seen.size() == P, "form factors, patches and data differ in size");
+  if (data.frames.size() < 3)
+    return error(ErrorCode::kRefused,
+                 "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
+                 "with the sequence that `countershade patterns` writes", data.frames.size());
+  const std::size_t projectors = data.frames[0].p.size();
+  std::vector<Radiosity> shade;  // F m of each frame
+  for (const PatchFrame& frame : data.frames) shade.push_back(F * frame.m);
+
+  PhotometricFit fit;
+  fit.a.assign(projectors, Radiosity::Zero(P, 3));
+  fit.e = fit.k = fit.k_sigma = Radiosity::Zero(P, 3);
+  std::vector<std::vector<PatchSolution>> solutions(3, std::vector<PatchSolution>(P));
+  std::vector<std::vector<GainPrior>> priors(3, std::vector<GainPrior>(patches.surfaces()));
+  double inflation = 1;
+  for (int pass = 0; pass < 2; ++pass) {
+    progress.step("photometric fit", pass, 2);
+    parallel_for(P, [&](int i) {
+      if (data.seen[i] <= 0) return;
+      for (int c = 0; c < 3; ++c)
+        solutions[c][i] = solve_patch(collect(data, shade, i, c), priors[c][patches.surface_of(i)], inflation, options.robust_sigma);
+    });
+    double chi2 = 0, freedom = 0;
+    for (int c = 0; c < 3; ++c)
+      for (int i = 0; i < P; ++i) chi2 += solutions[c][i].chi2, freedom += solutions[c][i].freedom;
+    if (pass == 0) fit.chi2 = freedom > 0 ? chi2 / freedom : 0;
+    inflation = std::sqrt(std::max(1.0, fit.chi2));
+    for (int c = 0; c < 3 && pass == 0; ++c)
+      for (int s = 0; s < patches.surfaces(); ++s) {
+        std::vector<double> k, sigma;
+        for (int i = patches.offset(s); i < patches.offset(s) + patches.count(s); ++i) {
+          if (data.seen[i] <= 0 || solutions[c][i].x.empty()) continue;
+          k.push_back(solutions[c][i].x.back());
+          sigma.push_back(solutions[c][i].k_sigma * inflation);
+        }
+        priors[c][s] = pool(k, sigma);
+        if (priors[c][s].mean > 1.02)
+          return error(ErrorCode::kRefused,
+                       "surface {} reflects {:.0f} % of the indirect light it receives (channel {}), more than all: likely "
+                       "causes are wrong geometry or lens model, veiling glare in the camera, a wrong projector response, or "
+                       "light from outside; check the geometry's residuals first", s, 100 * priors[c][s].mean, c);
+      }
+  }
+  for (int c = 0; c < 3; ++c)
+    for (int i = 0; i < P; ++i) {
+      const GainPrior& prior = priors[c][patches.surface_of(i)];
+      const std::vector<double>& x = solutions[c][i].x;
+      const double data_sigma = x.empty() ? HUGE_VAL : solutions[c][i].k_sigma;
+      fit.k(i, c) = static_cast<float>(std::clamp(x.empty() ? prior.mean : x.back(), 0.0, 1.0));
+      fit.k_sigma(i, c) = static_cast<float>(1 / std::hypot(1 / prior.sigma, 1 / data_sigma));
+      if (x.empty()) continue;
+      for (std::size_t q = 0; q < projectors; ++q) fit.a[q](i, c) = static_cast<float>(std::max(0.0, x[q]));
+      fit.e(i, c) = static_cast<float>(std::max(0.0, x[projectors]));
+    }
+  std::vector<double> errors = held_out_errors(F, data, fit);
+  if (!errors.empty()) {
+    double sum = 0;
+    for (double v : errors) sum += v;
+    fit.held_out_error = sum / errors.size();
+    const auto nth = errors.begin() + static_cast<std::ptrdiff_t>(0.99 * (errors.size() - 1));
+    std::nth_element(errors.begin(), nth, errors.end());
+    fit.held_out_p99 = *nth;
+  } else {
+    fit.notes.push_back("no held-out frame: the model's error on patterns it has not seen is unknown");
+  }
+  progress.step("photometric fit", 2, 2);
+  return fit;
+}
+
+}  // namespace countershade::solver
