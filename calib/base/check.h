@@ -18,7 +18,7 @@ class Bug : public std::logic_error {
 }  // namespace countershade
 
 // Throws a Bug unless `condition` holds; `message` is anything that converts to std::string.
-#define CS_CHECK(condition, message) \
-  do {                               \
+#define CS_CHECK(condition, message)                                                      \
+  do {                                                                                    \
     if (!(condition)) ::countershade::throw_bug(__FILE__, __LINE__, #condition, message); \
   } while (false)

@@ -36,13 +36,22 @@ Error error(ErrorCode code, fmt::format_string<Args...> format, Args&&... args) 
 template <class T>
 class [[nodiscard]] Result {
  public:
-  Result(T value) : state_(std::in_place_index<0>, std::move(value)) {}        // NOLINT: implicit as in std::expected
-  Result(Error error) : state_(std::in_place_index<1>, std::move(error)) {}    // NOLINT
+  Result(T value) : state_(std::in_place_index<0>, std::move(value)) {}      // NOLINT: implicit as in std::expected
+  Result(Error error) : state_(std::in_place_index<1>, std::move(error)) {}  // NOLINT
   bool has_value() const { return state_.index() == 0; }
   explicit operator bool() const { return has_value(); }
-  T& value() & { CS_CHECK(has_value(), error().message); return std::get<0>(state_); }
-  const T& value() const& { CS_CHECK(has_value(), error().message); return std::get<0>(state_); }
-  T&& value() && { CS_CHECK(has_value(), error().message); return std::get<0>(std::move(state_)); }
+  T& value() & {
+    CS_CHECK(has_value(), error().message);
+    return std::get<0>(state_);
+  }
+  const T& value() const& {
+    CS_CHECK(has_value(), error().message);
+    return std::get<0>(state_);
+  }
+  T&& value() && {
+    CS_CHECK(has_value(), error().message);
+    return std::get<0>(std::move(state_));
+  }
   T& operator*() & { return value(); }
   const T& operator*() const& { return value(); }
   T&& operator*() && { return std::move(*this).value(); }
@@ -74,8 +83,8 @@ class [[nodiscard]] Result<void> {
 #define CS_CONCAT_INNER(a, b) a##b
 #define CS_CONCAT(a, b) CS_CONCAT_INNER(a, b)
 // CS_TRY(auto x, f()): x = the value of f(), or return its error from this function.
-#define CS_TRY(declaration, expression)                                  \
-  auto CS_CONCAT(cs_result_, __LINE__) = (expression);                   \
+#define CS_TRY(declaration, expression)                                                 \
+  auto CS_CONCAT(cs_result_, __LINE__) = (expression);                                  \
   if (!CS_CONCAT(cs_result_, __LINE__)) return CS_CONCAT(cs_result_, __LINE__).error(); \
   declaration = *std::move(CS_CONCAT(cs_result_, __LINE__))
 // CS_TRY_VOID(f()): return the error of f() from this function, if it has one.

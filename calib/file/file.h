@@ -21,8 +21,8 @@ Result<void> write_atomically(const std::filesystem::path& path, std::string_vie
 Result<void> write_atomically_with(const std::filesystem::path& path,
                                    const std::function<Result<void>(const std::filesystem::path&)>& write);
 
-// An output folder that appears whole: build() fills a hidden sibling, which is renamed to `path` on success and removed
-// on failure. kExists when `path` exists already.
+// An output folder that appears whole: build() fills a hidden sibling, which is renamed to `path` on success and
+// removed on failure. kExists when `path` exists already.
 Result<void> create_folder_atomically(const std::filesystem::path& path,
                                       const std::function<Result<void>(const std::filesystem::path&)>& build);
 

@@ -13,44 +13,48 @@ namespace countershade {
 
 struct CameraSpec {
   std::string id;
-  std::string backend = "folder";        // folder | simulated (aravis, v4l2, libcamera are refused by name until built)
-  std::string device;                    // what the backend opens; a folder's path for "folder"
-  std::filesystem::path model;           // .cameramodel, resolved against the rig's folder; empty = none
-  std::string pose = "unknown";          // unknown | known (then the model's extrinsics count)
-  std::vector<double> exposures_ms;      // empty = the backend's default
+  std::string backend = "folder";    // folder | simulated (aravis, v4l2, libcamera are refused by name until built)
+  std::string device;                // what the backend opens; a folder's path for "folder"
+  std::filesystem::path model;       // .cameramodel, resolved against the rig's folder; empty = none
+  std::string pose = "unknown";      // unknown | known (then the model's extrinsics count)
+  std::vector<double> exposures_ms;  // empty = the backend's default
   std::string response = "linear";
-  double pedestal = 0;                   // stored value of no light
-  std::optional<double> full_scale;      // stored value of saturation; default the file type's maximum
+  double pedestal = 0;               // stored value of no light
+  std::optional<double> full_scale;  // stored value of saturation; default the file type's maximum
 };
 
 struct ProjectorSpec {
   std::string id;
   std::array<int, 2> resolution{0, 0};
-  std::string output = "simulated";      // simulated | window | folder
+  std::string output = "simulated";  // simulated | window | folder
   std::string monitor;
   std::string response = "gamma:2.2";
   double black_level = 0;
-  std::optional<double> throw_ratio;     // distance / picture width
-  double throw_ratio_sigma = 0.02;       // relative
-  std::optional<std::array<double, 2>> lens_shift;  // offset of the picture's centre from the lens axis, in picture
-                                         // widths and heights, right and down positive; [0, 0] = axis through the centre
+  std::optional<double> throw_ratio;  // distance / picture width
+  double throw_ratio_sigma = 0.02;    // relative
+  std::optional<std::array<double, 2>>
+      lens_shift;  // offset of the picture's centre from the lens axis, in picture
+                   // widths and heights, right and down positive; [0, 0] = axis through the centre
   double lens_shift_sigma = 0.02;
-  std::filesystem::path model;           // .cameramodel of the projector; empty = estimated
+  std::filesystem::path model;  // .cameramodel of the projector; empty = estimated
 };
 
 struct ScreenSpec {
-  std::string kind = "measured";         // measured | planes (others are refused by name until built)
-  int planes = 0;                        // number of planes; 0 = found
-  std::array<int, 2> patches{0, 0};      // {0, 0} = "auto"
+  std::string kind = "measured";     // measured | planes (others are refused by name until built)
+  int planes = 0;                    // number of planes; 0 = found
+  std::array<int, 2> patches{0, 0};  // {0, 0} = "auto"
   // Two camera pixels of the first camera and the distance of the screen points under them [m]; gives metres.
-  struct KnownLength { std::array<double, 2> pixel_a, pixel_b; double metres; };
+  struct KnownLength {
+    std::array<double, 2> pixel_a, pixel_b;
+    double metres;
+  };
   std::optional<KnownLength> known_length;
 };
 
 struct BoardSpec {
-  std::string kind;                      // chessboard | apriltag | charuco; empty = no board
+  std::string kind;  // chessboard | apriltag | charuco; empty = no board
   std::array<int, 2> corners{9, 7};
-  double square = 0.075;                 // m
+  double square = 0.075;  // m
 };
 
 struct Rig {
@@ -58,7 +62,7 @@ struct Rig {
   std::vector<ProjectorSpec> projectors;
   ScreenSpec screen;
   BoardSpec board;
-  std::string target = "direct";         // [intent] direct (uniform is refused by name until built)
+  std::string target = "direct";  // [intent] direct (uniform is refused by name until built)
 
   const ProjectorSpec* projector(const std::string& id) const;
   const CameraSpec* camera(const std::string& id) const;
@@ -77,10 +81,10 @@ struct SimulatedCamera {
   std::array<double, 5> distortion{0, 0, 0, 0, 0};  // Brown-Conrady k1 k2 p1 p2 k3
   double full_well_e = 10000, read_noise_e = 5;
   int bits = 12;
-  double white_level = 0.8;              // fraction of full scale that the brightest white reaches at reference_exposure_ms
+  double white_level = 0.8;  // fraction of full scale that the brightest white reaches at reference_exposure_ms
   double reference_exposure_ms = 10;
   double psf_sigma_px = 0.6;
-  double vignetting = 0;                 // loss at the picture's corner, fraction
+  double vignetting = 0;  // loss at the picture's corner, fraction
 };
 
 struct SimulatedProjector {
@@ -89,25 +93,25 @@ struct SimulatedProjector {
   double roll_deg = 0;
   double throw_ratio = 1.2;
   std::array<double, 2> lens_shift{0, 0};
-  double gain = 1;                       // relative luminous power
+  double gain = 1;  // relative luminous power
   std::array<double, 3> gamma{2.2, 2.2, 2.2};
-  double black_level = 0.001;            // 1 / contrast
-  double falloff = 0.15;                 // loss of illuminance at the picture's corner, fraction
+  double black_level = 0.001;  // 1 / contrast
+  double falloff = 0.15;       // loss of illuminance at the picture's corner, fraction
   double defocus_sigma_px = 0.5;
-  int latency_frames = 0;                // photos taken that many swaps too early show the former picture
+  int latency_frames = 0;  // photos taken that many swaps too early show the former picture
 };
 
 struct Simulation {
   std::string room = "two-wall";
-  double angle_deg = 90;                 // dihedral angle
-  std::array<double, 2> left_size{3, 2}, right_size{3, 2};   // width, height of the walls, m
-  double left_rise = 0, right_rise = 0;  // height of each wall's lower edge, m
+  double angle_deg = 90;                                    // dihedral angle
+  std::array<double, 2> left_size{3, 2}, right_size{3, 2};  // width, height of the walls, m
+  double left_rise = 0, right_rise = 0;                     // height of each wall's lower edge, m
   std::array<double, 3> left_albedo{0.8, 0.8, 0.8}, right_albedo{0.8, 0.8, 0.8};
-  double texture = 0;                    // amplitude of a smooth albedo variation, fraction
-  double ambient = 0;                    // radiance of the surround, fraction of reference white
+  double texture = 0;  // amplitude of a smooth albedo variation, fraction
+  double ambient = 0;  // radiance of the surround, fraction of reference white
   std::uint64_t seed = 1;
-  int samples = 4096;                    // hemisphere samples per receiving point
-  int block_px = 32;                     // projector pixels per block of the indirect light
+  int samples = 4096;  // hemisphere samples per receiving point
+  int block_px = 32;   // projector pixels per block of the indirect light
   std::vector<SimulatedCamera> cameras;
   std::vector<SimulatedProjector> projectors;
 };

@@ -44,7 +44,9 @@ struct Device {
   Lens lens = Lens::pinhole(1, 0, 0, 1, 1);
   Pose device_from_world;
 
-  Eigen::Vector2d project(const Eigen::Vector3d& x_in_world) const { return lens.project(device_from_world * x_in_world); }
+  Eigen::Vector2d project(const Eigen::Vector3d& x_in_world) const {
+    return lens.project(device_from_world * x_in_world);
+  }
   Ray ray(const Eigen::Vector2d& q_px) const {
     const Pose world_from_device = device_from_world.inverse();
     return {world_from_device.translation, world_from_device.rotation * lens.unproject(q_px)};

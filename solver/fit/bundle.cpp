@@ -82,7 +82,8 @@ void unpack(const Blocks& blocks, Bundle& bundle) {
     const PoseBlock& p = blocks.poses[i];
     bundle.projectors[i] = {k[0], k[1], k[2], {rotation_from_vector({p[0], p[1], p[2]}), {p[3], p[4], p[5]}}};
   }
-  for (std::size_t i = 0; i < blocks.planes.size(); ++i) bundle.planes[i] = {blocks.planes[i][0], blocks.planes[i][1], blocks.planes[i][2]};
+  for (std::size_t i = 0; i < blocks.planes.size(); ++i)
+    bundle.planes[i] = {blocks.planes[i][0], blocks.planes[i][1], blocks.planes[i][2]};
 }
 
 std::vector<double> residual_rms(const std::vector<Matches>& matches, const Blocks& blocks) {
@@ -92,7 +93,8 @@ std::vector<double> residual_rms(const std::vector<Matches>& matches, const Bloc
     for (const Match& m : matches[q]) {
       if (m.plane < 0) continue;
       double r[2];
-      Reprojection{m.ray, m.q, 1.0}(blocks.intrinsics[q].data(), blocks.poses[q].data(), blocks.planes[m.plane].data(), r);
+      Reprojection{m.ray, m.q, 1.0}(blocks.intrinsics[q].data(), blocks.poses[q].data(), blocks.planes[m.plane].data(),
+                                    r);
       squares.push_back(r[0] * r[0] + r[1] * r[1]);
     }
     std::sort(squares.begin(), squares.end());
@@ -152,7 +154,8 @@ BundleResult adjust(const std::vector<Matches>& matches, const std::vector<Proje
       problem.AddResidualBlock(cost, new ceres::CauchyLoss(3.0), blocks.intrinsics[q].data(), blocks.poses[q].data(),
                                blocks.planes[m.plane].data());
     }
-    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<IntrinsicPrior, 3, 3>(new IntrinsicPrior(prior_of(specs[q], bundle.projectors[q].focal))),
+    problem.AddResidualBlock(new ceres::AutoDiffCostFunction<IntrinsicPrior, 3, 3>(
+                                 new IntrinsicPrior(prior_of(specs[q], bundle.projectors[q].focal))),
                              nullptr, blocks.intrinsics[q].data());
     problem.SetParameterLowerBound(blocks.intrinsics[q].data(), 0, 0.05 * specs[q].resolution[0]);
   }

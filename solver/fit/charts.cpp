@@ -37,10 +37,14 @@ struct Edge {
 };
 
 // Unit normal to the lit side, where the camera (the origin) is.
-Eigen::Vector3d lit_normal(const Eigen::Vector3d& w) { return -w.normalized(); }
+Eigen::Vector3d lit_normal(const Eigen::Vector3d& w) {
+  return -w.normalized();
+}
 
 // Signed distance of x from the plane, positive on the lit side.
-double height(const Eigen::Vector3d& w, const Eigen::Vector3d& x) { return (1 - w.dot(x)) / w.norm(); }
+double height(const Eigen::Vector3d& w, const Eigen::Vector3d& x) {
+  return (1 - w.dot(x)) / w.norm();
+}
 
 // Planes meet where each one's points lie on the lit side of the other and reach its plane.
 bool meets(const std::vector<Eigen::Vector3d>& planes, const std::vector<Points>& points, int a, int b, Edge& edge) {
@@ -79,7 +83,8 @@ struct Sheet {
 
 std::shared_ptr<const PlaneSurface> surface_of(const Eigen::Vector3d& w, const Sheet& s) {
   const Eigen::Vector3d foot = w / w.squaredNorm();  // of the perpendicular from the camera
-  const Eigen::Vector3d origin = foot + s.axes.u * (s.u.low - foot.dot(s.axes.u)) + s.axes.v * (s.v.low - foot.dot(s.axes.v));
+  const Eigen::Vector3d origin =
+      foot + s.axes.u * (s.u.low - foot.dot(s.axes.u)) + s.axes.v * (s.v.low - foot.dot(s.axes.v));
   return std::make_shared<PlaneSurface>(origin, s.axes.u * (s.u.high - s.u.low), s.axes.v * (s.v.high - s.v.low));
 }
 
@@ -92,7 +97,8 @@ Charts make_charts(const std::vector<Eigen::Vector3d>& planes, const std::vector
     for (int b = a + 1; b < count; ++b)
       if (Edge edge; meets(planes, points, a, b, edge)) edges.push_back(edge);
 
-  // One direction for all charts that contain it: that of the first crease, downwards in the photo; else the photo's own.
+  // One direction for all charts that contain it: that of the first crease, downwards in the photo; else the photo's
+  // own.
   Eigen::Vector3d main = edges.empty() ? Eigen::Vector3d::UnitY() : edges[0].direction;
   if (main.y() < 0) main = -main;
   std::vector<Sheet> sheets(count);
@@ -126,7 +132,8 @@ Charts make_charts(const std::vector<Eigen::Vector3d>& planes, const std::vector
       (low_side ? s.u.low : s.u.high) = at;
       (p == e.a ? crease.u_a : crease.u_b) = low_side ? 0 : 1;
     }
-    crease.angle = std::numbers::pi - std::acos(std::clamp(lit_normal(planes[e.a]).dot(lit_normal(planes[e.b])), -1.0, 1.0));
+    crease.angle =
+        std::numbers::pi - std::acos(std::clamp(lit_normal(planes[e.a]).dot(lit_normal(planes[e.b])), -1.0, 1.0));
     if (common) charts.screen.creases.push_back(crease);
   }
   for (int p = 0; p < count; ++p) {

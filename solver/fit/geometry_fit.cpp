@@ -29,16 +29,18 @@ Result<Problem> segment(const Device& camera, const std::vector<ProjectorObserva
     problem.specs.push_back(observations[q].spec);
     Matches matches = parts::draw_matches(camera, observations[q], 4 * options.max_points, options.seed + q);
     if (matches.size() < 200)
-      return error(ErrorCode::kRefused,
-                   "projector '{}': {} camera pixels carry both a column and a row, at least 200 are needed for geometry; "
-                   "look at the reasons picture of its correspondences, and check exposure and focus",
-                   observations[q].spec.id, matches.size());
+      return error(
+          ErrorCode::kRefused,
+          "projector '{}': {} camera pixels carry both a column and a row, at least 200 are needed for geometry; "
+          "look at the reasons picture of its correspondences, and check exposure and focus",
+          observations[q].spec.id, matches.size());
     const int most = options.planes > 0 ? options.planes : 6;
     const auto maps = parts::segment_planes(matches, most, options.min_plane_share, options.seed + 77 * q);
     if (maps.empty())
-      return error(ErrorCode::kRefused,
-                   "projector '{}': no plane explains {:.0f} % of its pixels; is the screen made of planes ([screen] kind)?",
-                   observations[q].spec.id, 100 * options.min_plane_share);
+      return error(
+          ErrorCode::kRefused,
+          "projector '{}': no plane explains {:.0f} % of its pixels; is the screen made of planes ([screen] kind)?",
+          observations[q].spec.id, 100 * options.min_plane_share);
     problem.maps.emplace_back();
     problem.labels.emplace_back(maps.size());
     for (const auto& map : maps) problem.maps.back().push_back(map.H);
@@ -76,27 +78,30 @@ Result<Candidate> fit_alone(const Problem& problem, int q) {
   for (std::size_t i = 0; i < own.size(); ++i) local[own[i]] = static_cast<int>(i);
   for (parts::Match& m : matches) m.plane = local[m.plane];
   if (own.size() == 1 && !(spec.throw_ratio && spec.lens_shift))
-    return error(ErrorCode::kRefused,
-                 "projector '{}' lights one plane only: its lens and pose cannot be told from one plane. State {}{}{} for it "
-                 "in rig.toml, or let it spill at least 30 cm over the edge and capture again",
-                 spec.id, spec.throw_ratio ? "" : "throw_ratio", !spec.throw_ratio && !spec.lens_shift ? " and " : "",
-                 spec.lens_shift ? "" : "lens_shift");
-  const std::vector<parts::Start> starts =
-      own.size() == 1 ? parts::starts_from_plane(matches, spec, problem.maps[q][0]) : parts::starts_from_epipolar(matches, spec);
+    return error(
+        ErrorCode::kRefused,
+        "projector '{}' lights one plane only: its lens and pose cannot be told from one plane. State {}{}{} for it "
+        "in rig.toml, or let it spill at least 30 cm over the edge and capture again",
+        spec.id, spec.throw_ratio ? "" : "throw_ratio", !spec.throw_ratio && !spec.lens_shift ? " and " : "",
+        spec.lens_shift ? "" : "lens_shift");
+  const std::vector<parts::Start> starts = own.size() == 1 ? parts::starts_from_plane(matches, spec, problem.maps[q][0])
+                                                           : parts::starts_from_epipolar(matches, spec);
   Candidate best;
   for (const parts::Start& start : starts) {
     Bundle bundle;
     bundle.projectors = {{start.focal, start.cx, start.cy, start.projector_from_camera}};
     bundle.planes = parts::planes_from_start(start, matches, static_cast<int>(own.size()));
-    if (std::any_of(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return !(w.norm() > 1e-9); })) continue;
+    if (std::any_of(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return !(w.norm() > 1e-9); }))
+      continue;
     const double cost = parts::adjust({matches}, {spec}, false, bundle).cost;
     if (cost < best.cost) best = {bundle, cost};
   }
   if (!std::isfinite(best.cost))
-    return error(ErrorCode::kRefused,
-                 "projector '{}': no pose of it explains the correspondences; check that the rows and columns of the "
-                 "patterns are the projector's own pixels (no scaling, no keystone correction) and that the lens model fits",
-                 spec.id);
+    return error(
+        ErrorCode::kRefused,
+        "projector '{}': no pose of it explains the correspondences; check that the rows and columns of the "
+        "patterns are the projector's own pixels (no scaling, no keystone correction) and that the lens model fits",
+        spec.id);
   std::vector<Eigen::Vector3d> common(problem.planes, Eigen::Vector3d::Zero());
   for (std::size_t i = 0; i < own.size(); ++i) common[own[i]] = best.bundle.planes[i];
   best.bundle.planes = common;
@@ -119,7 +124,9 @@ Result<Bundle> join(const Problem& problem, std::vector<Candidate> candidates) {
         if (joint.planes[p].norm() > 0 && candidates[q].bundle.planes[p].norm() > 0)
           ratios.push_back(candidates[q].bundle.planes[p].norm() / joint.planes[p].norm());
       if (round > 0 && ratios.empty()) continue;
-      if (round > 0) std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end()), scale = ratios[ratios.size() / 2];
+      if (round > 0)
+        std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end()),
+            scale = ratios[ratios.size() / 2];
       next = static_cast<int>(q);
     }
     if (next < 0)
@@ -152,7 +159,8 @@ parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options,
         if (x.z() > 0 && r < best) best = r, m.plane = label;
       }
     }
-    chosen.push_back(thin(problem.matches[q], problem.planes, options.max_points / static_cast<int>(problem.matches.size())));
+    chosen.push_back(
+        thin(problem.matches[q], problem.planes, options.max_points / static_cast<int>(problem.matches.size())));
   }
   return parts::adjust(chosen, problem.specs, covariance, bundle);
 }
@@ -161,7 +169,8 @@ void fill_charts(const Problem& problem, const Bundle& bundle, GeometryFit& fit)
   std::vector<std::vector<Eigen::Vector3d>> points(problem.planes);
   for (const Matches& matches : problem.matches)
     for (const parts::Match& m : matches)
-      if (m.plane >= 0) points[m.plane].push_back(m.ray.homogeneous() / bundle.planes[m.plane].dot(m.ray.homogeneous()));
+      if (m.plane >= 0)
+        points[m.plane].push_back(m.ray.homogeneous() / bundle.planes[m.plane].dot(m.ray.homogeneous()));
   parts::Charts charts = parts::make_charts(bundle.planes, points);
   fit.screen = std::move(charts.screen);
   fit.planes = std::move(charts.planes);
@@ -185,13 +194,15 @@ void fill_angle_sigma(const Bundle& bundle, const parts::BundleResult& result, G
       const int at[2] = {3 * crease.surface_a, 3 * crease.surface_b};
       for (int a = 0; a < 2; ++a)
         for (int b = 0; b < 2; ++b)
-          variance += gradient.segment<3>(3 * a).dot(result.plane_covariance.block<3, 3>(at[a], at[b]) * gradient.segment<3>(3 * b));
+          variance += gradient.segment<3>(3 * a).dot(result.plane_covariance.block<3, 3>(at[a], at[b]) *
+                                                     gradient.segment<3>(3 * b));
     }
     fit.angle_sigma.push_back(std::sqrt(std::max(0.0, variance)));
   }
 }
 
-void scale_to_metres(const Device& camera, const ScreenSpec& spec, Bundle& bundle, const GeometryFit& fit, double& known) {
+void scale_to_metres(const Device& camera, const ScreenSpec& spec, Bundle& bundle, const GeometryFit& fit,
+                     double& known) {
   if (!spec.known_length) return;
   const auto point = [&](const std::array<double, 2>& pixel) {
     return fit.screen.intersect({Eigen::Vector3d::Zero(), camera.lens.unproject({pixel[0], pixel[1]})});
@@ -232,13 +243,16 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
   for (std::size_t q = 0; q < observations.size(); ++q) {
     const Bundle::Projector& p = bundle.projectors[q];
     const auto& resolution = observations[q].spec.resolution;
-    ProjectorFit out{observations[q].spec.id, {Lens::pinhole(p.focal, p.cx, p.cy, resolution[0], resolution[1]), p.projector_from_camera},
-                     result.rms_px[q], q < result.sigma.size() ? result.sigma[q] : Eigen::Vector4d::Zero()};
+    ProjectorFit out{observations[q].spec.id,
+                     {Lens::pinhole(p.focal, p.cx, p.cy, resolution[0], resolution[1]), p.projector_from_camera},
+                     result.rms_px[q],
+                     q < result.sigma.size() ? result.sigma[q] : Eigen::Vector4d::Zero()};
     fit.projectors.push_back(std::move(out));
     fit.rms_px = std::max(fit.rms_px, result.rms_px[q]);
     if (!observations[q].spec.lens_shift)
-      fit.notes.push_back(fmt::format("projector '{}': lens_shift not stated; its principal column is taken as the centre +- {:.0f} px",
-                                      observations[q].spec.id, observations[q].spec.lens_shift_sigma * resolution[0]));
+      fit.notes.push_back(
+          fmt::format("projector '{}': lens_shift not stated; its principal column is taken as the centre +- {:.0f} px",
+                      observations[q].spec.id, observations[q].spec.lens_shift_sigma * resolution[0]));
   }
   progress.step("geometry", steps, steps);
   return fit;

@@ -12,7 +12,7 @@ struct Match {
   Eigen::Vector2d ray;  // (x / z, y / z)
   Eigen::Vector2d q;
   double sigma = 0.3;
-  int pixel = 0;        // index into the camera picture, row-major
+  int pixel = 0;  // index into the camera picture, row-major
   int plane = -1;
 };
 using Matches = std::vector<Match>;
@@ -30,7 +30,8 @@ std::vector<PlaneMap> segment_planes(Matches& matches, int max_planes, double mi
 
 // Gives planes of several projectors common labels where their camera pixels coincide (within `reach` pixels).
 // labels[q][own label] = common label; returns the number of common planes.
-int merge_planes(const std::vector<Matches>& matches, int camera_width, double reach, std::vector<std::vector<int>>& labels);
+int merge_planes(const std::vector<Matches>& matches, int camera_width, double reach,
+                 std::vector<std::vector<int>>& labels);
 
 // Where a projector may stand: starting values for the bundle adjustment, best first.
 struct Start {
@@ -58,9 +59,9 @@ struct Bundle {
 };
 struct BundleResult {
   double cost = 0;
-  std::vector<double> rms_px;               // per projector
-  std::vector<Eigen::Vector4d> sigma;       // focal, cx, cy, relative distance
-  Eigen::MatrixXd plane_covariance;         // (3 planes, 3 planes); empty unless asked for
+  std::vector<double> rms_px;          // per projector
+  std::vector<Eigen::Vector4d> sigma;  // focal, cx, cy, relative distance
+  Eigen::MatrixXd plane_covariance;    // (3 planes, 3 planes); empty unless asked for
 };
 // matches[q] with plane labels; those labelled -1 are left out.
 BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs, bool covariance,

@@ -115,7 +115,8 @@ std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorS
     for (double row = -1.5; row <= 2.5; row += 0.05) {
       const double cy = spec.lens_shift ? principal.y() : row * height;
       const double f = (spec.throw_ratio ? *spec.throw_ratio : throw_ratio) * width;
-      const Eigen::Vector3d s = Eigen::JacobiSVD<Eigen::Matrix3d>(intrinsic_matrix(f, principal.x(), cy).transpose() * F).singularValues();
+      const Eigen::Vector3d s =
+          Eigen::JacobiSVD<Eigen::Matrix3d>(intrinsic_matrix(f, principal.x(), cy).transpose() * F).singularValues();
       cells.push_back({(s[0] - s[1]) / (s[0] + s[1]), f, cy});
     }
   std::sort(cells.begin(), cells.end(), [](const Cell& a, const Cell& b) { return a.score < b.score; });

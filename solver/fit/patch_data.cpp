@@ -12,10 +12,14 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-int channel_of(const Photo& photo, int c) { return photo.value.channels() == 1 ? 0 : c; }
+int channel_of(const Photo& photo, int c) {
+  return photo.value.channels() == 1 ? 0 : c;
+}
 
 // Value between pixel centres; the caller has checked that (x, y) lies inside the picture.
-float light_at(const Image& light, const Eigen::Vector2f& q, int c) { return sample_bilinear(light, q.x(), q.y(), c); }
+float light_at(const Image& light, const Eigen::Vector2f& q, int c) {
+  return sample_bilinear(light, q.x(), q.y(), c);
+}
 
 // Sums over the pixels of each patch, filled by one pass over the picture.
 struct Sums {
@@ -103,7 +107,8 @@ PixelGeometry pixel_geometry(const Device& camera, const GeometryFit& geometry, 
       for (std::size_t q = 0; q < geometry.projectors.size(); ++q) {
         const Device& projector = geometry.projectors[q].device;
         const Eigen::Vector2d pixel = projector.project(point);
-        if (projector.lens.contains(pixel) && normal.dot(projector.position() - point) > 0) pixels.beam[q][i] = pixel.cast<float>();
+        if (projector.lens.contains(pixel) && normal.dot(projector.position() - point) > 0)
+          pixels.beam[q][i] = pixel.cast<float>();
       }
     }
   });
@@ -132,13 +137,14 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
     frame.m.row(i) = sums.value.row(i) / n;
     for (std::size_t q = 0; q < lights.size(); ++q) frame.p[q].row(i) = sums.light[q].row(i) / n;
     if (n < 0.8f * sums.all[i]) continue;
-    for (int c = 0; c < 3; ++c) frame.sigma(i, c) = static_cast<float>(noise.sigma(std::max(0.0f, frame.m(i, c))) / std::sqrt(n));
+    for (int c = 0; c < 3; ++c)
+      frame.sigma(i, c) = static_cast<float>(noise.sigma(std::max(0.0f, frame.m(i, c))) / std::sqrt(n));
   }
   return frame;
 }
 
-std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, int q, const Photo& white, const Photo& black,
-                               const PatchFrame& white_patches, const PatchFrame& black_patches) {
+std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, int q, const Photo& white,
+                               const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches) {
   const Radiosity difference = white_patches.m - black_patches.m;
   const Radiosity indirect = receiver_gain(model).cwiseProduct(Radiosity(model.G * difference));
   const double swing = 1 - model.projectors[q].response.black_level;
@@ -173,7 +179,8 @@ std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, 
   for (std::size_t s = 0; s < charts.size(); ++s) {
     for (std::size_t i = 0; i < charts[s].pixels(); ++i)
       for (int c = 0; c < 3; ++c)
-        charts[s].data()[3 * i + c] = weights[s].data()[i] > 0 ? std::max(0.0f, charts[s].data()[3 * i + c] / weights[s].data()[i]) : 0.0f;
+        charts[s].data()[3 * i + c] =
+            weights[s].data()[i] > 0 ? std::max(0.0f, charts[s].data()[3 * i + c] / weights[s].data()[i]) : 0.0f;
     grow(charts[s], weights[s], model.gain_factor);
   }
   return charts;

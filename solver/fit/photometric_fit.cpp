@@ -16,7 +16,8 @@ namespace {
 // Parameters: a_1 .. a_Q, e, k; those that nothing in the frames can tell are held.
 class PatchEquation final : public ceres::CostFunction {
  public:
-  PatchEquation(std::vector<double> coefficients, double measured) : coefficients_(std::move(coefficients)), measured_(measured) {
+  PatchEquation(std::vector<double> coefficients, double measured)
+      : coefficients_(std::move(coefficients)), measured_(measured) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->push_back(static_cast<int>(coefficients_.size()));
   }
@@ -38,10 +39,10 @@ struct GainPrior {
 };
 
 struct PatchSolution {
-  std::vector<double> x;   // a_1 .. a_Q, e, k
-  double k_sigma = 0;      // from the data alone (infinite where they say nothing)
+  std::vector<double> x;  // a_1 .. a_Q, e, k
+  double k_sigma = 0;     // from the data alone (infinite where they say nothing)
   double chi2 = 0;
-  int freedom = 0;         // equations less the parameters they determine
+  int freedom = 0;  // equations less the parameters they determine
 };
 
 struct PatchProblem {
@@ -111,7 +112,8 @@ PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, d
   for (int i = 0; i < n; ++i) {
     std::vector<double> row(n, 0.0);
     row[i] = weak[i];
-    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), i == n - 1 ? prior.mean * weak[i] : 0.0), nullptr, x);
+    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), i == n - 1 ? prior.mean * weak[i] : 0.0), nullptr,
+                                   x);
   }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
@@ -166,7 +168,8 @@ std::vector<double> held_out_errors(const Eigen::MatrixXf& F, const PhotometricD
     }
     for (int i = 0; i < B.rows(); ++i)
       for (int c = 0; c < 3; ++c)
-        if (std::isfinite(frame.sigma(i, c)) && data.seen[i] > 0) errors.push_back(std::abs(B(i, c) - frame.m(i, c)) / data.white);
+        if (std::isfinite(frame.sigma(i, c)) && data.seen[i] > 0)
+          errors.push_back(std::abs(B(i, c) - frame.m(i, c)) / data.white);
   }
   return errors;
 }
@@ -178,9 +181,11 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
   const int P = patches.size();
   CS_CHECK(F.rows() == P && F.cols() == P && data.seen.size() == P, "form factors, patches and data differ in size");
   if (data.frames.size() < 3)
-    return error(ErrorCode::kRefused,
-                 "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
-                 "with the sequence that `countershade patterns` writes", data.frames.size());
+    return error(
+        ErrorCode::kRefused,
+        "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
+        "with the sequence that `countershade patterns` writes",
+        data.frames.size());
   const std::size_t projectors = data.frames[0].p.size();
   std::vector<Radiosity> shade;  // F m of each frame
   for (const PatchFrame& frame : data.frames) shade.push_back(F * frame.m);
@@ -196,7 +201,8 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
     parallel_for(P, [&](int i) {
       if (data.seen[i] <= 0) return;
       for (int c = 0; c < 3; ++c)
-        solutions[c][i] = solve_patch(collect(data, shade, i, c), priors[c][patches.surface_of(i)], inflation, options.robust_sigma);
+        solutions[c][i] =
+            solve_patch(collect(data, shade, i, c), priors[c][patches.surface_of(i)], inflation, options.robust_sigma);
     });
     double chi2 = 0, freedom = 0;
     for (int c = 0; c < 3; ++c)
@@ -213,10 +219,12 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
         }
         priors[c][s] = pool(k, sigma);
         if (priors[c][s].mean > 1.02)
-          return error(ErrorCode::kRefused,
-                       "surface {} reflects {:.0f} % of the indirect light it receives (channel {}), more than all: likely "
-                       "causes are wrong geometry or lens model, veiling glare in the camera, a wrong projector response, or "
-                       "light from outside; check the geometry's residuals first", s, 100 * priors[c][s].mean, c);
+          return error(
+              ErrorCode::kRefused,
+              "surface {} reflects {:.0f} % of the indirect light it receives (channel {}), more than all: likely "
+              "causes are wrong geometry or lens model, veiling glare in the camera, a wrong projector response, or "
+              "light from outside; check the geometry's residuals first",
+              s, 100 * priors[c][s].mean, c);
       }
   }
   for (int c = 0; c < 3; ++c)

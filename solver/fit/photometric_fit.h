@@ -12,8 +12,8 @@
 
 namespace countershade::solver {
 
-// One frame reduced to patches: radiosity m (P, 3) with its sigma, and light p_q (P, 3) per projector (0..1, black level
-// included, mean over the same camera pixels; 0 where it does not light the patch).
+// One frame reduced to patches: radiosity m (P, 3) with its sigma, and light p_q (P, 3) per projector (0..1, black
+// level included, mean over the same camera pixels; 0 where it does not light the patch).
 struct PatchFrame {
   Radiosity m, sigma;
   std::vector<Radiosity> p;
@@ -21,23 +21,23 @@ struct PatchFrame {
 };
 
 struct PhotometricData {
-  std::vector<PatchFrame> frames;        // frames to fit
-  std::vector<PatchFrame> held_out;      // frames to predict
-  Eigen::VectorXf seen;                  // (P): camera pixels per patch; 0 = unseen
-  double white = 1;                      // W, for the held-out error [camera units]
+  std::vector<PatchFrame> frames;    // frames to fit
+  std::vector<PatchFrame> held_out;  // frames to predict
+  Eigen::VectorXf seen;              // (P): camera pixels per patch; 0 = unseen
+  double white = 1;                  // W, for the held-out error [camera units]
 };
 
 struct PhotometricFit {
-  std::vector<Radiosity> a;              // per projector (P, 3); 0 where never lit
-  Radiosity e, k, k_sigma;               // (P, 3)
-  double chi2 = 0;                       // reduced, before the sigmas are inflated by it
-  double held_out_error = 0;             // mean |predicted - measured| / white over held-out frames and seen patches
+  std::vector<Radiosity> a;   // per projector (P, 3); 0 where never lit
+  Radiosity e, k, k_sigma;    // (P, 3)
+  double chi2 = 0;            // reduced, before the sigmas are inflated by it
+  double held_out_error = 0;  // mean |predicted - measured| / white over held-out frames and seen patches
   double held_out_p99 = 0;
   std::vector<std::string> notes;
 };
 
 struct PhotometricOptions {
-  double robust_sigma = 4;               // Huber (1964) threshold in sigma
+  double robust_sigma = 4;  // Huber (1964) threshold in sigma
 };
 
 // Per patch and channel, linear in the unknowns because the observed radiosities stand on the right (PHYSICS 6):

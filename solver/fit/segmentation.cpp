@@ -134,7 +134,8 @@ int merge_planes(const std::vector<Matches>& matches, int camera_width, double r
     return i;
   };
   auto node = [&](std::size_t q, int own) {
-    return static_cast<int>(std::find(nodes.begin(), nodes.end(), std::make_pair(static_cast<int>(q), own)) - nodes.begin());
+    return static_cast<int>(std::find(nodes.begin(), nodes.end(), std::make_pair(static_cast<int>(q), own)) -
+                            nodes.begin());
   };
   for (std::size_t q = 0; q < matches.size(); ++q) {
     for (std::size_t r = q + 1; r < matches.size(); ++r) {

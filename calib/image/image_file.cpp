@@ -1,0 +1,217 @@
+#include "calib/image/image_file.h"
+
+#include <OpenEXR/ImfChannelList.h>
+#include <OpenEXR/ImfCompression.h>
+#include <OpenEXR/ImfFrameBuffer.h>
+#include <OpenEXR/ImfHeader.h>
+#include <OpenEXR/ImfInputFile.h>
+#include <OpenEXR/ImfOutputFile.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "calib/file/file.h"
+
+namespace countershade {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+Error unreadable(const fs::path& path, const std::string& why) {
+  return error(ErrorCode::kBadFile, "'{}' {}; restore or retake the file", path.string(), why);
+}
+
+// OpenCV fills what a truncated PNG lacks with black; its last chunk tells.
+bool png_is_whole(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  stream.seekg(-8, std::ios::end);
+  char tail[8] = {};
+  stream.read(tail, 8);
+  return stream && std::string_view(tail, 4) == "IEND";
+}
+
+Result<StoredImage> read_exr_image(const fs::path& path) {
+  std::vector<std::string> names;
+  try {
+    Imf::InputFile file(path.c_str());
+    const Imf::ChannelList& channels = file.header().channels();
+    if (channels.findChannel("R") && channels.findChannel("G") && channels.findChannel("B"))
+      names = {"R", "G", "B"};
+    else if (channels.findChannel("Y"))
+      names = {"Y"};
+    else if (channels.begin() != channels.end())
+      names = {channels.begin().name()};
+  } catch (const std::exception& e) {
+    return unreadable(path, std::string("is no readable EXR file: ") + e.what());
+  }
+  if (names.empty()) return unreadable(path, "has no channel");
+  CS_TRY(const std::vector<Image> planes, read_exr(path, names));
+  const int count = static_cast<int>(planes.size());
+  StoredImage stored{Image(planes[0].width(), planes[0].height(), count), 1, 32};
+  for (std::size_t i = 0; i < planes[0].pixels(); ++i)
+    for (int c = 0; c < count; ++c) stored.values.data()[i * count + c] = planes[c].data()[i];
+  return stored;
+}
+
+Result<void> write_with_opencv(const fs::path& path, const cv::Mat& image, const std::vector<int>& parameters) {
+  return write_atomically_with(path, [&](const fs::path& temporary) -> Result<void> {
+    bool ok = false;
+    try {
+      ok = cv::imwrite(temporary.string(), image, parameters);
+    } catch (const cv::Exception&) {
+    }
+    if (!ok)
+      return error(ErrorCode::kIo, "cannot write '{}': is the disk full, the folder writable, the format .png or .tif?",
+                   path.string());
+    return {};
+  });
+}
+
+// RGB floats, rounded and clamped, as an OpenCV picture (BGR).
+template <class T>
+cv::Mat to_opencv(const Image& values, int type1, int type3, double maximum) {
+  CS_CHECK(values.channels() == 1 || values.channels() == 3, "1 or 3 channels");
+  const int channels = values.channels();
+  cv::Mat out(values.height(), values.width(), channels == 1 ? type1 : type3);
+  for (int y = 0; y < values.height(); ++y) {
+    T* row = out.ptr<T>(y);
+    const float* from = values.row(y);
+    for (int x = 0; x < values.width(); ++x)
+      for (int c = 0; c < channels; ++c)
+        row[x * channels + c] = static_cast<T>(
+            std::clamp<double>(std::nearbyint(from[x * channels + (channels == 1 ? 0 : 2 - c)]), 0, maximum));
+  }
+  return out;
+}
+
+}  // namespace
+
+Result<StoredImage> read_image(const fs::path& path) {
+  if (!fs::is_regular_file(path)) return unreadable(path, "is missing");
+  if (path.extension() == ".exr") return read_exr_image(path);
+  if (path.extension() == ".png" && !png_is_whole(path))
+    return unreadable(path, "is truncated (no IEND chunk at its end)");
+  cv::Mat image;
+  try {
+    image = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
+  } catch (const cv::Exception&) {
+  }
+  if (image.empty()) return unreadable(path, "is truncated or not an image");
+  if (image.channels() == 4) cv::cvtColor(image, image, cv::COLOR_BGRA2BGR);
+  if (image.channels() != 1 && image.channels() != 3)
+    return unreadable(path, fmt::format("has {} channels, expected 1 or 3", image.channels()));
+  StoredImage stored;
+  stored.full_scale = image.depth() == CV_8U ? 255 : image.depth() == CV_16U ? 65535 : 1;
+  stored.bits = image.depth() == CV_8U ? 8 : image.depth() == CV_16U ? 16 : 32;
+  const int channels = image.channels();
+  cv::Mat floats;
+  image.convertTo(floats, CV_32F);
+  stored.values = Image(image.cols, image.rows, channels);
+  for (int y = 0; y < image.rows; ++y) {
+    const float* row = floats.ptr<float>(y);
+    float* to = stored.values.row(y);
+    for (int x = 0; x < image.cols; ++x)
+      for (int c = 0; c < channels; ++c) to[x * channels + c] = row[x * channels + (channels == 1 ? 0 : 2 - c)];
+  }
+  return stored;
+}
+
+Result<Picture> read_picture(const fs::path& path) {
+  CS_TRY(const StoredImage stored, read_image(path));
+  if (stored.bits == 32)
+    return unreadable(path, "holds floats, not encoded values; give PNG or TIFF with 8 or 16 bits");
+  Picture picture(stored.values.width(), stored.values.height(), 3);
+  const int channels = stored.values.channels(), factor = stored.bits == 8 ? 257 : 1;
+  for (std::size_t i = 0; i < picture.pixels(); ++i)
+    for (int c = 0; c < 3; ++c)
+      picture.data()[3 * i + c] =
+          static_cast<std::uint16_t>(factor * stored.values.data()[i * channels + (channels == 3 ? c : 0)]);
+  return picture;
+}
+
+Result<void> write_picture(const fs::path& path, const Picture& picture, int bits) {
+  CS_CHECK(bits == 8 || bits == 16, "8 or 16 bits");
+  cv::Mat out(picture.height(), picture.width(), bits == 8 ? CV_8UC3 : CV_16UC3);
+  for (int y = 0; y < picture.height(); ++y)
+    for (int x = 0; x < picture.width(); ++x)
+      for (int c = 0; c < 3; ++c) {
+        const int v = picture.at(x, y, 2 - c);
+        if (bits == 8)
+          out.ptr<std::uint8_t>(y)[3 * x + c] = static_cast<std::uint8_t>((v + 128) / 257);
+        else
+          out.ptr<std::uint16_t>(y)[3 * x + c] = static_cast<std::uint16_t>(v);
+      }
+  return write_with_opencv(path, out, {cv::IMWRITE_PNG_COMPRESSION, 3});
+}
+
+Result<void> write_stored16(const fs::path& path, const Image& values) {
+  std::vector<int> parameters;
+  if (path.extension() == ".png")
+    parameters = {cv::IMWRITE_PNG_COMPRESSION, 1};
+  else
+    parameters = {cv::IMWRITE_TIFF_COMPRESSION, 1};  // none
+  return write_with_opencv(path, to_opencv<std::uint16_t>(values, CV_16UC1, CV_16UC3, 65535), parameters);
+}
+
+Result<void> write_png8(const fs::path& path, const Image& values) {
+  return write_with_opencv(path, to_opencv<std::uint8_t>(values, CV_8UC1, CV_8UC3, 255),
+                           {cv::IMWRITE_PNG_COMPRESSION, 3});
+}
+
+Result<void> write_exr(const fs::path& path, const std::vector<NamedChannel>& channels) {
+  CS_CHECK(!channels.empty(), "an image has a channel");
+  const int width = channels[0].image->width(), height = channels[0].image->height();
+  return write_atomically_with(path, [&](const fs::path& temporary) -> Result<void> {
+    try {
+      Imf::Header header(width, height);
+      header.compression() = Imf::ZIP_COMPRESSION;
+      Imf::FrameBuffer buffer;
+      for (const NamedChannel& channel : channels) {
+        CS_CHECK(channel.image->same_size(width, height) && channel.image->channels() == 1, "channels of one size");
+        header.channels().insert(channel.name, Imf::Channel(Imf::FLOAT));
+        auto* data = const_cast<char*>(reinterpret_cast<const char*>(channel.image->data().data()));
+        buffer.insert(channel.name, Imf::Slice(Imf::FLOAT, data, sizeof(float), sizeof(float) * width));
+      }
+      Imf::OutputFile file(temporary.c_str(), header);
+      file.setFrameBuffer(buffer);
+      file.writePixels(height);
+    } catch (const Bug&) {
+      throw;
+    } catch (const std::exception& e) {
+      return error(ErrorCode::kIo, "cannot write '{}': {}; free some space or choose another folder", path.string(),
+                   e.what());
+    }
+    return {};
+  });
+}
+
+Result<std::vector<Image>> read_exr(const fs::path& path, const std::vector<std::string>& names) {
+  if (!fs::is_regular_file(path)) return unreadable(path, "is missing");
+  try {
+    Imf::InputFile file(path.c_str());
+    const Imath::Box2i window = file.header().dataWindow();
+    const int width = window.max.x - window.min.x + 1, height = window.max.y - window.min.y + 1;
+    std::vector<Image> images;
+    Imf::FrameBuffer buffer;
+    for (const std::string& name : names) {
+      if (!file.header().channels().findChannel(name)) return unreadable(path, "has no channel '" + name + "'");
+      images.emplace_back(width, height, 1);
+    }
+    for (std::size_t i = 0; i < names.size(); ++i) {
+      char* base = reinterpret_cast<char*>(images[i].data().data()) -
+                   sizeof(float) * (window.min.x + static_cast<std::ptrdiff_t>(window.min.y) * width);
+      buffer.insert(names[i], Imf::Slice(Imf::FLOAT, base, sizeof(float), sizeof(float) * width));
+    }
+    file.setFrameBuffer(buffer);
+    file.readPixels(window.min.y, window.max.y);
+    return images;
+  } catch (const std::exception& e) {
+    return unreadable(path, std::string("is no readable EXR file: ") + e.what());
+  }
+}
+
+}  // namespace countershade

@@ -1,0 +1,464 @@
+#include "capture/session/runner.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <map>
+#include <optional>
+#include <thread>
+
+#include "calib/image/image_file.h"
+#include "capture/session/frame_check.h"
+#include "capture/session/session_folder.h"
+
+namespace countershade::capture {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+// A change of the projected light is looked for only where it is predicted to be this much of the camera's response.
+constexpr double kPredictable = 0.1;
+// A fresh photo shows about all of the predicted change, a stale one none: the line between them.
+constexpr double kShownChange = 0.03;
+// Light adds; noise of four photos, compression of fine stripes and a drifting lamp stay below this, a wrong frame of
+// visible stripes above.
+constexpr double kPairTolerance = 0.15;
+// A change of the view that an unmoved camera does not make, beside four times its noise.
+constexpr double kMoved = 0.01, kBrightened = 0.1;
+
+struct CameraSlot {
+  Camera* device = nullptr;
+  const CameraSpec* spec = nullptr;
+  std::vector<double> exposures;  // at least one; 0 = the device's default
+  double floor = 0;               // mean difference of two photos of the same light, binned
+  Bins rest;                      // photo of the last settled pictures
+};
+
+// The photos of one camera of one frame that were missing; empty where all are stored.
+struct Shot {
+  std::vector<Image> stored;  // per exposure; empty image = already stored
+  Bins bins;                  // first exposure
+};
+
+class Capture {
+ public:
+  Capture(const Rig& rig, const Sequence& sequence, const Devices& devices, const fs::path& folder,
+          const CaptureOptions& options, Progress& progress)
+      : rig_(rig), sequence_(sequence), devices_(devices), folder_(folder), options_(options), progress_(progress) {}
+
+  Result<void> find_devices();
+  Result<void> load_stored();
+  Result<void> take_missing();
+
+ private:
+  using Pictures = std::vector<Picture>;  // per projector of the sequence
+
+  int frames() const { return static_cast<int>(sequence_.frames.size()); }
+  std::string frame_name(int f) const {
+    return fmt::format("frame {} ({})", sequence_.frames[f].index, sequence_.frames[f].role.name());
+  }
+  fs::path photo_path(int f, const CameraSlot& camera, std::size_t e) const {
+    const std::string exposure = camera.exposures.size() > 1 ? exposure_text(camera.exposures[e]) : "";
+    return folder_ / "photos" / camera.spec->id / photo_name(sequence_.frames[f].index, exposure, ".tif");
+  }
+  bool complete(int f) const;
+  Result<void> load_photo(int f, std::size_t c, std::size_t e);
+
+  Result<Pictures> pictures_of(int f) const;
+  Pictures black_pictures() const;
+  Result<void> show(const Pictures& pictures, double wait_ms);
+  Result<Image> expose(const CameraSlot& camera, std::size_t e) const;
+  Result<std::vector<Shot>> photograph(const std::vector<std::vector<bool>>& wanted) const;
+  std::vector<std::vector<bool>> wanted(int f, bool all) const;
+  Result<void> store(int f, const std::vector<Shot>& shots);
+
+  Result<std::vector<Bins>> settle(const Pictures& pictures);
+  int reference_frame() const;
+  Result<void> start();
+  Result<void> check_unmoved(int f, const std::vector<Bins>& now);
+  Result<void> take_frame(int f);
+  Result<void> retake(int f);
+
+  std::optional<double> response(std::size_t c, const std::string& projector) const;
+  std::optional<std::string> doubt(int f, const std::vector<Image>& blocks, const std::vector<Shot>& shots) const;
+  std::optional<std::string> stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
+  std::optional<std::string> wrong_pair(int f, const std::vector<Bins>& now) const;
+  std::vector<Bins> bins_of(int f, const std::vector<Shot>& shots) const;
+
+  const Rig& rig_;
+  const Sequence& sequence_;
+  const Devices& devices_;
+  const fs::path& folder_;
+  const CaptureOptions& options_;
+  Progress& progress_;
+  std::vector<CameraSlot> cameras_;
+  std::vector<Projector*> projectors_;
+  std::vector<std::vector<std::vector<bool>>> have_;  // [frame][camera][exposure]
+  std::vector<std::vector<std::optional<Bins>>> kept_;  // [frame][camera]
+  std::vector<std::array<int, 3>> size_;              // per camera: width, height, channels; 0 = not known yet
+  std::vector<Image> shown_;                          // blocks of the pictures of the last accepted photo
+  std::vector<Bins> former_;                          // that photo, per camera
+};
+
+Result<void> Capture::find_devices() {
+  for (const CameraSpec& spec : rig_.cameras) {
+    CameraSlot slot;
+    slot.spec = &spec;
+    slot.exposures = spec.exposures_ms.empty() ? std::vector<double>{0} : spec.exposures_ms;
+    for (const auto& device : devices_.cameras)
+      if (device->id() == spec.id) slot.device = device.get();
+    if (slot.device == nullptr)
+      return error(ErrorCode::kDevice, "camera '{}' of the rig is not open: connect it, or remove it from the rig", spec.id);
+    CS_TRY_VOID(slot.device->arm(slot.exposures[0]));
+    cameras_.push_back(std::move(slot));
+  }
+  for (const auto& [id, size] : sequence_.projectors) {
+    Projector* device = devices_.projector(id);
+    if (device == nullptr)
+      return error(ErrorCode::kDevice, "projector '{}' of the rig is not open: connect it, or remove it from the rig", id);
+    if (device->width() != size[0] || device->height() != size[1])
+      return error(ErrorCode::kDevice,
+                   "projector '{}' shows {}x{} pixels, the rig says {}x{}: set the display's mode or correct the rig", id,
+                   device->width(), device->height(), size[0], size[1]);
+    projectors_.push_back(device);
+  }
+  size_.resize(cameras_.size());
+  return {};
+}
+
+// ---- what is stored already ----
+
+bool Capture::complete(int f) const {
+  for (const auto& camera : have_[f])
+    if (std::find(camera.begin(), camera.end(), false) != camera.end()) return false;
+  return true;
+}
+
+Result<void> Capture::load_photo(int f, std::size_t c, std::size_t e) {
+  const fs::path path = photo_path(f, cameras_[c], e);
+  if (!fs::exists(path)) return {};
+  const auto read = read_image(path);
+  if (!read) {
+    progress_.warn(fmt::format("{}; it is taken again", read.error().message));
+    return {};
+  }
+  const Image& values = read->values;
+  const std::array<int, 3> size{values.width(), values.height(), values.channels()};
+  if (size_[c][0] == 0) size_[c] = size;
+  if (size_[c] != size)
+    return error(ErrorCode::kRefused, "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong",
+                 path.string(), size[0], size[1], size_[c][0], size_[c][1]);
+  have_[f][c][e] = true;
+  if (e == 0) kept_[f][c] = bin_photo(values, read->full_scale, *cameras_[c].spec);
+  return {};
+}
+
+Result<void> Capture::load_stored() {
+  kept_.assign(frames(), std::vector<std::optional<Bins>>(cameras_.size()));
+  for (int f = 0; f < frames(); ++f) {
+    have_.emplace_back();
+    for (const CameraSlot& camera : cameras_) have_[f].emplace_back(camera.exposures.size(), false);
+  }
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    const fs::path folder = folder_ / "photos" / cameras_[c].spec->id;
+    std::error_code reason;
+    fs::create_directories(folder, reason);
+    if (reason)
+      return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions", folder.string(),
+                   reason.message());
+    CS_TRY_VOID(remove_unfinished(folder));
+    for (int f = 0; f < frames(); ++f)
+      for (std::size_t e = 0; e < cameras_[c].exposures.size(); ++e) CS_TRY_VOID(load_photo(f, c, e));
+  }
+  return {};
+}
+
+// ---- showing and photographing ----
+
+Result<Capture::Pictures> Capture::pictures_of(int f) const {
+  Pictures pictures;
+  for (const auto& [id, size] : sequence_.projectors) {
+    CS_TRY(Picture picture, render_role(sequence_.frames[f].role, id, size[0], size[1]));
+    pictures.push_back(std::move(picture));
+  }
+  return pictures;
+}
+
+Capture::Pictures Capture::black_pictures() const {
+  Pictures pictures;
+  for (const auto& [id, size] : sequence_.projectors) pictures.emplace_back(size[0], size[1], 3);
+  return pictures;
+}
+
+std::vector<Image> blocks_of(const std::vector<Picture>& pictures) {
+  std::vector<Image> blocks;
+  for (const Picture& picture : pictures) blocks.push_back(block_light(picture));
+  return blocks;
+}
+
+Result<void> Capture::show(const Pictures& pictures, double wait_ms) {
+  for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->show(pictures[p]));
+  if (wait_ms > 0) std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(wait_ms));
+  return {};
+}
+
+// Stored numbers of one exposure, scaled to 16 bits where the rig does not say what full scale is.
+Result<Image> Capture::expose(const CameraSlot& camera, std::size_t e) const {
+  if (camera.exposures.size() > 1) CS_TRY_VOID(camera.device->arm(camera.exposures[e]));
+  CS_TRY(Exposure exposure, camera.device->trigger());
+  if (!camera.spec->full_scale && exposure.full_scale != 65535)
+    for (float& v : exposure.values.data()) v = static_cast<float>(v * 65535.0 / exposure.full_scale);
+  for (float& v : exposure.values.data()) v = std::round(std::clamp(v, 0.0f, 65535.0f));
+  return std::move(exposure.values);
+}
+
+std::vector<std::vector<bool>> Capture::wanted(int f, bool all) const {
+  auto wanted = have_[f];
+  for (auto& camera : wanted)
+    for (std::size_t e = 0; e < camera.size(); ++e) camera[e] = all || !camera[e];
+  return wanted;
+}
+
+Result<std::vector<Shot>> Capture::photograph(const std::vector<std::vector<bool>>& wanted) const {
+  std::vector<Shot> shots(cameras_.size());
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    shots[c].stored.resize(wanted[c].size());
+    for (std::size_t e = 0; e < wanted[c].size(); ++e) {
+      if (!wanted[c][e]) continue;
+      CS_TRY(shots[c].stored[e], expose(cameras_[c], e));
+      const Image& photo = shots[c].stored[e];
+      const std::array<int, 3> size{photo.width(), photo.height(), photo.channels()};
+      if (size_[c][0] != 0 && size != size_[c])
+        return error(ErrorCode::kDevice, "camera '{}' gave a photo of {}x{} pixels after ones of {}x{}: lock its mode",
+                     cameras_[c].spec->id, size[0], size[1], size_[c][0], size_[c][1]);
+      if (e == 0) shots[c].bins = bin_photo(photo, 65535, *cameras_[c].spec);
+    }
+  }
+  return shots;
+}
+
+Result<void> Capture::store(int f, const std::vector<Shot>& shots) {
+  for (std::size_t c = 0; c < cameras_.size(); ++c)
+    for (std::size_t e = 0; e < shots[c].stored.size(); ++e) {
+      const Image& photo = shots[c].stored[e];
+      if (photo.empty()) continue;
+      CS_TRY_VOID(write_stored16(photo_path(f, cameras_[c], e), photo));
+      size_[c] = {photo.width(), photo.height(), photo.channels()};
+      have_[f][c][e] = true;
+      if (e == 0) kept_[f][c] = shots[c].bins;
+    }
+  return {};
+}
+
+// ---- the start: a known light, so that the first photo can be judged too ----
+
+// Shows often enough that no latency of up to `retakes` shows is left, then photographs twice.
+Result<std::vector<Bins>> Capture::settle(const Pictures& pictures) {
+  for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+  std::vector<std::vector<bool>> first;
+  for (const CameraSlot& camera : cameras_) {
+    first.emplace_back(camera.exposures.size(), false);
+    first.back()[0] = true;
+  }
+  CS_TRY(const std::vector<Shot> one, photograph(first));
+  CS_TRY(const std::vector<Shot> two, photograph(first));
+  std::vector<Bins> bins;
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    cameras_[c].floor = std::max(cameras_[c].floor, mean_difference(one[c].bins, two[c].bins));
+    bins.push_back(two[c].bins);
+  }
+  shown_ = blocks_of(pictures);
+  former_ = bins;
+  return bins;
+}
+
+// The last complete frame before the first gap that is not dark: a dark photo cannot tell whether the camera moved.
+// -1 when nothing is stored.
+int Capture::reference_frame() const {
+  std::vector<std::pair<int, double>> light;
+  double brightest = 0;
+  for (int f = 0; f < frames(); ++f) {
+    if (!complete(f)) continue;
+    double sum = 0;
+    for (const auto& bins : kept_[f]) sum += mean_light(*bins);
+    light.emplace_back(f, sum);
+    brightest = std::max(brightest, sum);
+  }
+  int reference = -1;
+  for (const auto& [f, sum] : light)
+    if (sum >= 0.3 * brightest) reference = f;
+  return reference;
+}
+
+Result<void> Capture::check_unmoved(int f, const std::vector<Bins>& now) {
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    const auto [difference, factor] = change_of_view(*kept_[f][c], now[c]);
+    const double noise = cameras_[c].floor / std::max(1e-6, mean_light(now[c]));
+    if (difference > kMoved + 4 * noise || std::abs(factor) > kBrightened)
+      return error(ErrorCode::kRefused,
+                   "camera '{}' sees {} differently than when it was stored: {:.1f} % of its light changed place "
+                   "(allowed {:.1f} %) and its brightness changed by {:.1f} % (allowed {:.0f} %). Camera, projector or "
+                   "room moved: put them back as they were, or capture a new session in another folder",
+                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * (kMoved + 4 * noise), -100 * factor,
+                   100 * kBrightened);
+  }
+  return {};
+}
+
+Result<void> Capture::start() {
+  const int reference = reference_frame();
+  if (reference < 0) {
+    CS_TRY(const std::vector<Bins> rest, settle(black_pictures()));
+    for (std::size_t c = 0; c < cameras_.size(); ++c) cameras_[c].rest = rest[c];
+    return {};
+  }
+  progress_.note(fmt::format("resuming: {} is photographed again and compared", frame_name(reference)));
+  CS_TRY(const Pictures pictures, pictures_of(reference));
+  CS_TRY(const std::vector<Bins> now, settle(pictures));
+  return check_unmoved(reference, now);
+}
+
+// ---- is this the frame that was asked for? ----
+
+// How much white of a projector changes the camera's bins against black; nothing where that is not photographed yet.
+std::optional<double> Capture::response(std::size_t c, const std::string& projector) const {
+  const Bins* white = nullptr;
+  const Bins* black = cameras_[c].rest.light.empty() ? nullptr : &cameras_[c].rest;
+  for (int f = 0; f < frames(); ++f) {
+    const Role& role = sequence_.frames[f].role;
+    const bool lit = role.projector == projector || (role.projector.empty() && projectors_.size() == 1);
+    if (role.kind == "white" && lit && kept_[f][c]) white = &*kept_[f][c];
+    if (role.kind == "black" && kept_[f][c]) black = &*kept_[f][c];
+  }
+  if (white == nullptr || black == nullptr) return std::nullopt;
+  return mean_difference(*white, *black);
+}
+
+std::optional<std::string> Capture::stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const {
+  double unknown = 0;  // change of projectors whose light no camera has been seen to answer yet
+  std::vector<double> predicted(cameras_.size()), whole(cameras_.size());
+  for (std::size_t p = 0; p < blocks.size(); ++p) {
+    const double change = block_change(shown_[p], blocks[p]);
+    for (std::size_t c = 0; c < cameras_.size(); ++c) {
+      const auto answer = response(c, sequence_.projectors[p].first);
+      if (!answer) unknown = std::max(unknown, change);
+      predicted[c] += change * answer.value_or(0);
+      whole[c] = std::max(whole[c], answer.value_or(0));
+    }
+  }
+  bool any_change = false;
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    const double change = mean_difference(now[c], former_[c]), floor = cameras_[c].floor;
+    any_change = any_change || change > 4 * floor + 0.001;  // a thousandth of full scale: nothing decodes below that
+    if (unknown < kPredictable && predicted[c] > kPredictable * whole[c] && predicted[c] > 10 * floor &&
+        predicted[c] > 0.001 && change < kShownChange * predicted[c] + 2 * floor)
+      return fmt::format("camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
+                         "about {:.2f} %)",
+                         cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
+  }
+  if (unknown > 0.3 && !any_change)
+    return std::string("no camera sees any change of the projected light");
+  return std::nullopt;
+}
+
+std::optional<std::string> Capture::wrong_pair(int f, const std::vector<Bins>& now) const {
+  const Companions with = companions(sequence_, f);
+  if (with.white < 0 || with.black < 0 || with.inverse < 0) return std::nullopt;
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    const auto& white = kept_[with.white][c];
+    const auto& black = kept_[with.black][c];
+    const auto& inverse = kept_[with.inverse][c];
+    if (!white || !black || !inverse) continue;
+    const double swing = mean_difference(*white, *black);
+    if (swing < 10 * cameras_[c].floor || swing < 0.001) continue;  // this camera does not see that projector
+    const PairLaw law = pair_law(*white, *black, *inverse, now[c]);
+    if (law.error > kPairTolerance + 4 * cameras_[c].floor / swing)
+      return fmt::format("camera '{}': it and {} do not add up to white + black ({:.0f} % of the light is wrong, allowed "
+                         "{:.0f} %)",
+                         cameras_[c].spec->id, frame_name(with.inverse), 100 * law.error,
+                         100 * (kPairTolerance + 4 * cameras_[c].floor / swing));
+  }
+  return std::nullopt;
+}
+
+std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const {
+  std::vector<Bins> bins;
+  for (std::size_t c = 0; c < cameras_.size(); ++c)
+    bins.push_back(shots[c].bins.light.empty() ? *kept_[f][c] : shots[c].bins);
+  return bins;
+}
+
+std::optional<std::string> Capture::doubt(int f, const std::vector<Image>& blocks, const std::vector<Shot>& shots) const {
+  const std::vector<Bins> now = bins_of(f, shots);
+  if (auto why = stale(blocks, now)) return why;
+  return wrong_pair(f, now);
+}
+
+// ---- frame after frame ----
+
+// The partner of a frame once more, with every latency waited out.
+Result<void> Capture::retake(int f) {
+  CS_TRY(const Pictures pictures, pictures_of(f));
+  CS_TRY_VOID(settle(pictures));
+  CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, true)));
+  return store(f, shots);
+}
+
+Result<void> Capture::take_frame(int f) {
+  CS_TRY(const Pictures pictures, pictures_of(f));
+  const std::vector<Image> blocks = blocks_of(pictures);
+  for (int attempt = 0;; ++attempt) {
+    CS_TRY_VOID(show(pictures, attempt * options_.retake_wait_ms));
+    CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
+    const std::vector<Bins> now = bins_of(f, shots);
+    const auto why = doubt(f, blocks, shots);
+    if (!why) {
+      CS_TRY_VOID(store(f, shots));
+      shown_ = blocks;
+      former_ = now;
+      return {};
+    }
+    if (attempt >= options_.retakes)
+      return error(ErrorCode::kDevice,
+                   "{}: {}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
+                   "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
+                   "stored is kept, and the same command resumes",
+                   frame_name(f), *why, attempt + 1, options_.retakes + 1);
+    progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), *why));
+    if (attempt > 0 && wrong_pair(f, now)) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
+  }
+}
+
+Result<void> Capture::take_missing() {
+  int done = 0;
+  for (int f = 0; f < frames(); ++f) done += complete(f);
+  progress_.step("capture", done, frames());
+  if (done == frames()) return {};
+  CS_TRY_VOID(start());
+  for (int f = 0; f < frames(); ++f) {
+    if (complete(f)) continue;
+    CS_TRY_VOID(take_frame(f));
+    progress_.step("capture", ++done, frames());
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> capture_session(const Rig& rig, const std::string& simulation_toml, const Sequence& sequence,
+                             const Devices& devices, const fs::path& folder, const CaptureOptions& options,
+                             Progress& progress) {
+  if (options.retakes < 0)
+    return error(ErrorCode::kBadValue, "retakes = {} is below 0: give 0 or more", options.retakes);
+  CS_TRY_VOID(check_sequence(rig, sequence));
+  CS_TRY_VOID(claim_folder(folder));
+  CS_TRY(const FolderLock lock, FolderLock::take(folder));
+  CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence));
+  Capture capture(rig, sequence, devices, folder, options, progress);
+  CS_TRY_VOID(capture.find_devices());
+  CS_TRY_VOID(capture.load_stored());
+  return capture.take_missing();
+}
+
+}  // namespace countershade::capture

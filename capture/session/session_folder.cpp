@@ -1,0 +1,139 @@
+#include "capture/session/session_folder.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <vector>
+
+#include "calib/file/file.h"
+
+namespace countershade::capture {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr const char* kLock = ".lock";
+constexpr const char* kDraft = ".header";
+
+Error io_error(const fs::path& path, const std::error_code& reason) {
+  return error(ErrorCode::kIo, "'{}' cannot be written: {}; check the disk and its permissions", path.string(),
+               reason.message());
+}
+
+// Files of the draft that do not stand in the folder yet. kExists names one that stands there and differs.
+Result<std::vector<fs::path>> missing_files(const fs::path& draft, const fs::path& folder) {
+  std::vector<fs::path> missing;
+  for (const auto& entry : fs::recursive_directory_iterator(draft)) {
+    if (!entry.is_regular_file()) continue;
+    const fs::path relative = fs::relative(entry.path(), draft);
+    if (!fs::exists(folder / relative)) {
+      missing.push_back(relative);
+      continue;
+    }
+    CS_TRY(const std::string wanted, read_text(entry.path()));
+    CS_TRY(const std::string found, read_text(folder / relative));
+    if (wanted != found)
+      return error(ErrorCode::kExists,
+                   "session '{}' was begun with another rig or sequence ({} differs): choose another output folder, or "
+                   "remove that session",
+                   folder.string(), relative.string());
+  }
+  return missing;
+}
+
+}  // namespace
+
+std::string exposure_text(double exposure_ms) {
+  std::string text = fmt::format("{}", exposure_ms);
+  if (text.find('.') == std::string::npos) text += ".0";
+  return text + "ms";
+}
+
+std::string photo_name(int index, const std::string& exposure, const std::string& extension) {
+  return fmt::format("{:04}{}{}{}", index, exposure.empty() ? "" : "_", exposure, extension);
+}
+
+Result<FolderLock> FolderLock::take(const fs::path& folder) {
+  const fs::path path = folder / kLock;
+  const int file = ::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644);
+  if (file < 0) return io_error(path, std::error_code(errno, std::generic_category()));
+  FolderLock lock(file);
+  if (::flock(file, LOCK_EX | LOCK_NB) == 0) return lock;
+  if (errno != EWOULDBLOCK) return io_error(path, std::error_code(errno, std::generic_category()));
+  return error(ErrorCode::kRefused,
+               "session '{}' is being captured by another process: wait until it has finished or stop it, then start "
+               "again; the session resumes where it stands",
+               folder.string());
+}
+
+FolderLock::FolderLock(FolderLock&& other) noexcept : file_(std::exchange(other.file_, -1)) {}
+
+FolderLock::~FolderLock() {
+  if (file_ >= 0) ::close(file_);
+}
+
+Result<void> claim_folder(const fs::path& folder) {
+  std::error_code reason;
+  if (fs::exists(folder, reason) && !fs::is_directory(folder, reason))
+    return error(ErrorCode::kExists, "'{}' is a file: choose another name for the session", folder.string());
+  fs::create_directories(folder, reason);
+  if (reason) return io_error(folder, reason);
+  const bool ours = fs::exists(folder / kLock) || fs::exists(folder / "sequence.json");
+  if (!ours && !fs::is_empty(folder, reason))
+    return error(ErrorCode::kExists,
+                 "'{}' holds files that are not a session: choose another output folder, or empty this one",
+                 folder.string());
+  return {};
+}
+
+Result<void> write_or_compare_header(const fs::path& folder, const Rig& rig, const std::string& simulation_toml,
+                                     const Sequence& sequence) {
+  const fs::path draft = folder / kDraft;
+  std::error_code reason;
+  fs::remove_all(draft, reason);
+  fs::create_directories(draft, reason);
+  if (reason) return io_error(draft, reason);
+  auto written = write_session_header(draft, rig, simulation_toml, sequence);
+  auto missing = written ? missing_files(draft, folder) : Result<std::vector<fs::path>>(written.error());
+  if (missing)
+    for (const fs::path& file : *missing) {
+      fs::create_directories((folder / file).parent_path(), reason);
+      if (!reason) fs::rename(draft / file, folder / file, reason);
+      if (reason) return io_error(folder / file, reason);
+    }
+  fs::remove_all(draft, reason);
+  if (!missing) return missing.error();
+  return {};
+}
+
+Result<void> remove_unfinished(const fs::path& folder) {
+  std::error_code reason;
+  std::vector<fs::path> unfinished;
+  for (const auto& entry : fs::directory_iterator(folder, reason))
+    if (entry.path().filename().string().starts_with(".")) unfinished.push_back(entry.path());
+  for (const fs::path& path : unfinished) fs::remove(path, reason);
+  if (reason) return io_error(folder, reason);
+  return {};
+}
+
+Result<void> check_sequence(const Rig& rig, const Sequence& sequence) {
+  if (sequence.frames.empty())
+    return error(ErrorCode::kBadValue, "the sequence has no frames: give a sequence.json with at least one");
+  for (const auto& [id, size] : sequence.projectors) {
+    const ProjectorSpec* spec = rig.projector(id);
+    if (spec == nullptr)
+      return error(ErrorCode::kBadValue, "the sequence lights projector '{}', which the rig does not have: correct its id",
+                   id);
+    if (spec->resolution != size)
+      return error(ErrorCode::kBadValue,
+                   "projector '{}' has {}x{} pixels in the rig but {}x{} in the sequence: make them equal", id,
+                   spec->resolution[0], spec->resolution[1], size[0], size[1]);
+  }
+  return {};
+}
+
+}  // namespace countershade::capture

@@ -1,0 +1,143 @@
+#include "solver/fit/photometric_fit.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "calib/base/random.h"
+
+namespace countershade::solver {
+namespace {
+
+// Two surfaces of 5 x 3 and 4 x 3 patches, form factors between them only, two projectors that overlap in part.
+struct Truth {
+  Patches patches{{{5, 3}, {4, 3}}};
+  Eigen::MatrixXf F;
+  std::vector<Radiosity> a;
+  Radiosity k, e;
+
+  explicit Truth(double k_scale = 1) {
+    const int P = patches.size();
+    Random random(hash_name("photometric truth"));
+    F = Eigen::MatrixXf::Zero(P, P);
+    for (int i = 0; i < P; ++i)
+      for (int j = 0; j < P; ++j)
+        if (patches.surface_of(i) != patches.surface_of(j)) F(i, j) = static_cast<float>(random.uniform(0.005, 0.04));
+    a.assign(2, Radiosity::Zero(P, 3));
+    k = e = Radiosity::Zero(P, 3);
+    for (int i = 0; i < P; ++i)
+      for (int c = 0; c < 3; ++c) {
+        a[0](i, c) = i < 20 ? static_cast<float>(random.uniform(0.5, 0.8)) : 0.0f;
+        a[1](i, c) = i > 12 ? static_cast<float>(random.uniform(0.5, 0.8)) : 0.0f;
+        k(i, c) =
+            static_cast<float>(k_scale * (0.7 + 0.03 * c + 0.05 * patches.surface_of(i) + random.uniform(-0.02, 0.02)));
+        e(i, c) = 0.01f;
+      }
+  }
+
+  PatchFrame frame(const std::vector<Radiosity>& p, double noise, Random& random) const {
+    Radiosity D = e;
+    for (int q = 0; q < 2; ++q) D += a[q].cwiseProduct(p[q]);
+    Radiosity B = D;
+    for (int i = 0; i < 300; ++i) B = D + k.cwiseProduct(Radiosity(F * B));
+    for (int i = 0; i < B.rows(); ++i)
+      for (int c = 0; c < 3; ++c) B(i, c) += static_cast<float>(noise * random.normal());
+    return {B, Radiosity::Constant(B.rows(), 3, static_cast<float>(std::max(noise, 1e-6))), p, {true, true, true}};
+  }
+
+  // Complementary random blocks, black, each projector alone; two held-out frames.
+  PhotometricData data(double noise) const {
+    Random random(hash_name("photometric data"));
+    const int P = patches.size();
+    PhotometricData data;
+    const auto constant = [&](float l, float r) {
+      return std::vector<Radiosity>{Radiosity::Constant(P, 3, l), Radiosity::Constant(P, 3, r)};
+    };
+    std::vector<Radiosity> blocks = constant(0, 0), inverse = constant(1, 1), held = constant(0, 0);
+    for (int q = 0; q < 2; ++q)
+      for (int i = 0; i < P; ++i) {
+        const bool lit = random.uniform() < 0.5;
+        blocks[q].row(i).setConstant(lit ? 1.0f : 0.001f);
+        inverse[q].row(i).setConstant(lit ? 0.001f : 1.0f);
+        for (int c = 0; c < 3; ++c) held[q](i, c) = static_cast<float>(random.uniform(0.1, 0.9));
+      }
+    for (const auto& p : {blocks, inverse, constant(0.001f, 0.001f), constant(1, 0.001f), constant(0.001f, 1)})
+      data.frames.push_back(frame(p, noise, random));
+    data.held_out = {frame(held, noise, random), frame(constant(0.4f, 0.7f), noise, random)};
+    data.seen = Eigen::VectorXf::Constant(P, 100);
+    return data;
+  }
+};
+
+TEST(PhotometricFit, RecoversGainsExactlyWithoutNoise) {
+  const Truth truth;
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, truth.data(0), {}, progress);
+  ASSERT_TRUE(fit) << fit.error().message;
+  // Float radiosities carry 1e-7; k is a difference over a shade of about .1.
+  EXPECT_LT((fit->k - truth.k).cwiseAbs().maxCoeff(), 2e-3);
+  for (int q = 0; q < 2; ++q) EXPECT_LT((fit->a[q] - truth.a[q]).cwiseAbs().maxCoeff(), 5e-4);
+  EXPECT_LT((fit->e - truth.e).cwiseAbs().maxCoeff(), 5e-4);
+  EXPECT_LT(fit->held_out_error, 1e-4);
+}
+
+TEST(PhotometricFit, NoiseGivesTheScatterThatSigmaPredicts) {
+  const Truth truth;
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, truth.data(0.001), {}, progress);
+  ASSERT_TRUE(fit) << fit.error().message;
+  double z2 = 0;
+  for (int i = 0; i < truth.k.rows(); ++i)
+    for (int c = 0; c < 3; ++c) z2 += std::pow((fit->k(i, c) - truth.k(i, c)) / fit->k_sigma(i, c), 2) / truth.k.size();
+  EXPECT_GT(z2, 0.3);  // 81 values: the mean of z^2 is 1 +- .16, wider because patches share their neighbours' noise
+  EXPECT_LT(z2, 2.0);
+  EXPECT_GT(fit->chi2, 0.5);
+  EXPECT_LT(fit->chi2, 1.5);
+  EXPECT_LT(fit->held_out_error, 0.002);
+}
+
+TEST(PhotometricFit, WrongFormFactorsShowInHeldOutFramesOrChi2) {
+  const Truth truth;
+  SilentProgress progress;
+  Eigen::MatrixXf wrong = truth.F;
+  for (int i = 0; i < wrong.rows(); ++i)
+    for (int j = 0; j < wrong.cols(); ++j) wrong(i, j) *= (i + 2 * j) % 3 == 0 ? 1.6f : 0.7f;
+  const auto good = fit_photometry(truth.F, truth.patches, truth.data(0.0005), {}, progress);
+  const auto bad = fit_photometry(wrong, truth.patches, truth.data(0.0005), {}, progress);
+  ASSERT_TRUE(good && bad);
+  EXPECT_GT(bad->chi2, 5 * good->chi2);
+  EXPECT_GT(bad->held_out_error, 2 * good->held_out_error);
+}
+
+TEST(PhotometricFit, MoreIndirectLightThanAllIsRefusedWithLikelyCauses) {
+  const Truth truth(1.6);
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, truth.data(0.0005), {}, progress);
+  ASSERT_FALSE(fit);
+  EXPECT_EQ(fit.error().code, ErrorCode::kRefused);
+  EXPECT_NE(fit.error().message.find("veiling glare"), std::string::npos);
+}
+
+TEST(PhotometricFit, SaturatedPatchesTakeTheirSurfacesGain) {
+  const Truth truth;
+  PhotometricData data = truth.data(0.0005);
+  for (PatchFrame& frame : data.frames) frame.sigma.row(3).setConstant(std::numeric_limits<float>::infinity());
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, data, {}, progress);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_NEAR(fit->k(3, 1), truth.k(3, 1), 0.05);  // the spread over a surface is .02
+  EXPECT_GT(fit->k_sigma(3, 1), fit->k_sigma(2, 1));
+}
+
+TEST(PhotometricFit, TooFewFramesAreRefused) {
+  const Truth truth;
+  PhotometricData data = truth.data(0);
+  data.frames.resize(2);
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, data, {}, progress);
+  ASSERT_FALSE(fit);
+  EXPECT_NE(fit.error().message.find("2 photometric frames"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace countershade::solver

@@ -1,0 +1,92 @@
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "calib/file/file.h"
+#include "tools/bench/study.h"
+#include "tools/countershade/console.h"
+
+namespace countershade::bench {
+
+namespace {
+
+const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
+    {"form-factors", form_factors}, {"closed-form", closed_form},     {"first-speed", first_speed},
+    {"real-board", real_board},     {"two-wall-loop", two_wall_loop}, {"verify-honest", verify_honest},
+};
+
+std::string csv_of(const Study& study) {
+  std::string text;
+  const auto line = [&](const std::vector<std::string>& cells) {
+    for (std::size_t i = 0; i < cells.size(); ++i) text += (i ? "," : "") + cells[i];
+    text += "\n";
+  };
+  line(study.columns);
+  for (const auto& row : study.rows) line(row);
+  return text;
+}
+
+void print(const Study& study) {
+  std::vector<std::size_t> width;
+  for (const auto& c : study.columns) width.push_back(c.size());
+  for (const auto& row : study.rows)
+    for (std::size_t i = 0; i < row.size() && i < width.size(); ++i) width[i] = std::max(width[i], row[i].size());
+  const auto line = [&](const std::vector<std::string>& cells) {
+    for (std::size_t i = 0; i < cells.size(); ++i) std::printf("%-*s  ", static_cast<int>(width[i]), cells[i].c_str());
+    std::printf("\n");
+  };
+  std::printf("\n%s\n", study.title.c_str());
+  line(study.columns);
+  for (const auto& row : study.rows) line(row);
+  for (const auto& note : study.notes) std::printf("note: %s\n", note.c_str());
+}
+
+Result<bool> run_one(const std::string& name, StudyFunction function, const StudyContext& context) {
+  CS_TRY(const Study study, function(context));
+  print(study);
+  const nlohmann::json document = {{"study", name},        {"title", study.title}, {"columns", study.columns},
+                                   {"rows", study.rows},   {"notes", study.notes}, {"figure", study.figure},
+                                   {"bound", study.bound}, {"ok", study.ok}};
+  CS_TRY_VOID(write_atomically(context.output / (name + ".json"), document.dump(1) + "\n"));
+  CS_TRY_VOID(write_atomically(context.output / (name + ".csv"), csv_of(study)));
+  std::printf("%s: %s (%s) %s\n", name.c_str(), study.figure.c_str(), study.bound.c_str(), study.ok ? "ok" : "short");
+  std::fflush(stdout);
+  return study.ok;
+}
+
+int run(int argc, char** argv) {
+  CLI::App app("Measures the figures that the project claims.");
+  std::vector<std::string> names;
+  std::filesystem::path output = "bench";
+  app.add_option("names", names, "studies to run; all without a name");
+  app.add_option("--output", output, "folder for NAME.json and NAME.csv")->capture_default_str();
+  CLI11_PARSE(app, argc, argv);
+  tools::ConsoleProgress progress(tools::default_console_mode());
+  std::error_code code;
+  std::filesystem::create_directories(output, code);
+  bool all_ok = true;
+  for (const std::string& name : names)
+    if (std::none_of(kStudies.begin(), kStudies.end(), [&](const auto& s) { return s.first == name; })) {
+      std::fprintf(stderr, "no study '%s'; there are:", name.c_str());
+      for (const auto& [known, function] : kStudies) std::fprintf(stderr, " %s", known.c_str());
+      std::fprintf(stderr, "\n");
+      return 2;
+    }
+  for (const auto& [name, function] : kStudies) {
+    if (!names.empty() && std::find(names.begin(), names.end(), name) == names.end()) continue;
+    const Result<bool> ok = run_one(name, function, {output, &progress});
+    progress.finish();
+    if (!ok) std::fprintf(stderr, "%s: %s\n", name.c_str(), ok.error().message.c_str());
+    all_ok = all_ok && ok && *ok;
+  }
+  return all_ok ? 0 : 1;
+}
+
+}  // namespace
+
+}  // namespace countershade::bench
+
+int main(int argc, char** argv) {
+  return countershade::bench::run(argc, argv);
+}

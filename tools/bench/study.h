@@ -1,0 +1,38 @@
+// A study: one claimed figure, measured. Every figure of the README names the study that measures it.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "calib/base/progress.h"
+#include "calib/base/result.h"
+
+namespace countershade::bench {
+
+struct Study {
+  std::string title;
+  std::vector<std::string> columns;
+  std::vector<std::vector<std::string>> rows;
+  std::vector<std::string> notes;
+  std::string figure, bound;  // "suppression 31x at worst", ">= 20x"
+  bool ok = false;
+};
+
+struct StudyContext {
+  std::filesystem::path output;  // build/bench; scratch files go to output/NAME/
+  Progress* progress = nullptr;
+};
+
+using StudyFunction = Result<Study> (*)(const StudyContext&);
+
+// One function per study; the table in main.cpp names them.
+Result<Study> two_wall_loop(const StudyContext& context);
+Result<Study> verify_honest(const StudyContext& context);
+Result<Study> closed_form(const StudyContext& context);
+Result<Study> form_factors(const StudyContext& context);
+Result<Study> first_speed(const StudyContext& context);
+Result<Study> real_board(const StudyContext& context);
+
+}  // namespace countershade::bench

@@ -1,0 +1,355 @@
+#include "tools/countershade/calibration.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "calib/base/parallel.h"
+#include "calib/file/file.h"
+#include "calib/image/image_file.h"
+#include "capture/pattern/decode.h"
+#include "capture/pattern/pattern.h"
+#include "solver/compensate/compensate.h"
+#include "solver/fit/photometric_fit.h"
+#include "solver/transport/form_factor.h"
+
+namespace countershade::tools {
+
+namespace {
+
+using capture::Correspondence;
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+Result<std::vector<Correspondence>> decode_all(const Session& session, const std::string& camera,
+                                               const fs::path& folder, CalibrationSummary& summary,
+                                               Progress& progress) {
+  std::vector<Correspondence> all;
+  for (const auto& [id, resolution] : session.sequence().projectors) {
+    CS_TRY(Correspondence c, capture::decode(session, camera, id, {}, progress));
+    CS_TRY_VOID(capture::write_correspondence(folder, c));
+    CS_TRY_VOID(capture::write_reason_picture(folder / (camera + "-" + id + "-reasons.png"), c));
+    summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit});
+    all.push_back(std::move(c));
+  }
+  return all;
+}
+
+// Square patches: 32 along the longest side of any chart; charts that share a crease share the count along it.
+Patches auto_patches(const solver::GeometryFit& geometry, std::array<int, 2> asked) {
+  double longest = 0;
+  for (const auto& plane : geometry.planes)
+    longest = std::max({longest, plane->along_u().norm(), plane->along_v().norm()});
+  std::vector<std::pair<int, int>> grid;
+  for (const auto& plane : geometry.planes) {
+    if (asked[0] > 0) {
+      grid.emplace_back(asked[0], asked[1]);
+      continue;
+    }
+    const double edge = longest / 32;
+    grid.emplace_back(std::max(4, static_cast<int>(std::lround(plane->along_u().norm() / edge))),
+                      std::max(4, static_cast<int>(std::lround(plane->along_v().norm() / edge))));
+  }
+  return Patches(grid);
+}
+
+// What a frame tells the photometric fit.
+enum class Use { kNone, kFit, kHeldOut };
+Use use_of(const Role& role) {
+  if (role.kind == "held-out") return Use::kHeldOut;
+  return role.kind == "white" || role.kind == "black" || role.kind == "blocks" || role.kind == "primary" ? Use::kFit
+                                                                                                         : Use::kNone;
+}
+
+std::array<bool, 3> channels_of(const Role& role) {
+  if (role.kind != "blocks" && role.kind != "primary") return {true, true, true};
+  return {role.channel.find('r') != std::string::npos, role.channel.find('g') != std::string::npos,
+          role.channel.find('b') != std::string::npos};
+}
+
+// Linear light of a role on every projector, black level included.
+Result<std::vector<Image>> lights_of(const Role& role, const solver::Model& model) {
+  std::vector<Image> lights;
+  for (const solver::ProjectorModel& p : model.projectors) {
+    CS_TRY(const Picture picture, capture::render_role(role, p.id, p.device.lens.width(), p.device.lens.height()));
+    lights.push_back(solver::light_of_picture(p.response, picture));
+  }
+  return lights;
+}
+
+struct Photometry {
+  solver::PhotometricData data;
+  std::vector<int> white_frame;  // per projector: position in `fitted`
+  int black_frame = -1;
+  std::vector<const Frame*> fitted;
+};
+
+Result<Photometry> reduce_photos(const Session& session, const std::string& camera, const solver::PixelGeometry& pixels,
+                                 const solver::Model& model, Progress& progress) {
+  Photometry result;
+  result.white_frame.assign(model.projectors.size(), -1);
+  result.data.seen = solver::pixels_per_patch(pixels, model.patches.size());
+  std::vector<const Frame*> frames;
+  for (const Frame& frame : session.sequence().frames)
+    if (use_of(frame.role) != Use::kNone) frames.push_back(&frame);
+  NoiseModel noise;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    progress.step("photometric frames", i, frames.size());
+    const Role& role = frames[i]->role;
+    CS_TRY(const Photo photo, session.photo(camera, frames[i]->index));
+    if (i == 0) noise = estimate_noise(std::span(&photo, 1));
+    CS_TRY(const std::vector<Image> lights, lights_of(role, model));
+    solver::PatchFrame frame = solver::reduce_frame(pixels, model.patches.size(), photo, noise, lights);
+    frame.channels = channels_of(role);
+    if (use_of(role) == Use::kHeldOut) {
+      result.data.held_out.push_back(std::move(frame));
+      continue;
+    }
+    const int at = static_cast<int>(result.fitted.size());
+    for (std::size_t q = 0; q < model.projectors.size(); ++q)
+      if (role.kind == "white" && (role.projector == model.projectors[q].id || model.projectors.size() == 1))
+        result.white_frame[q] = at;
+    if (role.kind == "black") result.black_frame = at;
+    result.fitted.push_back(frames[i]);
+    result.data.frames.push_back(std::move(frame));
+  }
+  progress.step("photometric frames", frames.size(), frames.size());
+  return result;
+}
+
+// 99th percentile of the direct light of the strongest projector at full white, mean of channels.
+double reference_white(const solver::Model& model) {
+  double white = 0;
+  for (const solver::ProjectorModel& p : model.projectors) {
+    std::vector<float> values;
+    for (const Image& gain : p.gain)
+      for (std::size_t i = 0; i < gain.pixels(); ++i) {
+        const float v = (gain.data()[3 * i] + gain.data()[3 * i + 1] + gain.data()[3 * i + 2]) / 3;
+        if (v > 0) values.push_back(v);
+      }
+    if (values.empty()) continue;
+    const auto nth = values.begin() + static_cast<std::ptrdiff_t>(0.99 * (values.size() - 1));
+    std::nth_element(values.begin(), nth, values.end());
+    white = std::max<double>(white, *nth);
+  }
+  return white;
+}
+
+// Patch means of a are a coarse gain chart, for sessions without a white frame of the projector.
+std::vector<Image> charts_of_patches(const solver::Model& model, const solver::Radiosity& a) {
+  std::vector<Image> charts;
+  for (int s = 0; s < model.screen.size(); ++s) {
+    Image chart(model.patches.nu(s) * model.gain_factor, model.patches.nv(s) * model.gain_factor, 3);
+    for (int y = 0; y < chart.height(); ++y)
+      for (int x = 0; x < chart.width(); ++x)
+        for (int c = 0; c < 3; ++c)
+          chart.at(x, y, c) = a(model.patches.index(s, x / model.gain_factor, y / model.gain_factor), c);
+    charts.push_back(std::move(chart));
+  }
+  return charts;
+}
+
+Result<solver::Model> start_model(const Rig& rig, const solver::GeometryFit& geometry, const CalibrateOptions& options,
+                                  Progress& progress) {
+  solver::Model model;
+  model.screen = geometry.screen;
+  model.planes = geometry.planes;
+  model.patches = auto_patches(geometry, options.patches[0] > 0 ? options.patches : rig.screen.patches);
+  model.F = solver::form_factors(model.screen, model.patches, solver::FormFactorMethod::kExact, progress);
+  model.G = solver::receiver_form_factors(model.screen, model.patches,
+                                          solver::receiver_points(model.patches, model.receiver_factor), progress);
+  for (const solver::ProjectorFit& fit : geometry.projectors) {
+    solver::ProjectorModel projector;
+    projector.id = fit.id;
+    const ProjectorSpec* spec = rig.projector(fit.id);
+    CS_TRY(projector.response.curve, Response::parse(spec->response));
+    projector.response.black_level = spec->black_level;
+    projector.device = fit.device;
+    projector.map = solver::pixel_map(fit.device, model.screen);
+    model.projectors.push_back(std::move(projector));
+  }
+  return model;
+}
+
+Result<void> fit_light(const Session& session, const std::string& camera, const solver::PixelGeometry& pixels,
+                       solver::Model& model, CalibrationSummary& summary, Progress& progress) {
+  CS_TRY(Photometry photometry, reduce_photos(session, camera, pixels, model, progress));
+  double white = 1e-9;
+  for (const solver::PatchFrame& frame : photometry.data.frames) white = std::max<double>(white, frame.m.maxCoeff());
+  photometry.data.white = white;
+  CS_TRY(solver::PhotometricFit fit, solver::fit_photometry(model.F, model.patches, photometry.data, {}, progress));
+  model.k = fit.k;
+  model.e = fit.e;
+  for (std::size_t q = 0; q < model.projectors.size(); ++q) {
+    const int w = photometry.white_frame[q], b = photometry.black_frame;
+    if (w < 0 || b < 0) {
+      model.projectors[q].gain = charts_of_patches(model, fit.a[q]);
+      continue;
+    }
+    CS_TRY(const Photo white_photo, session.photo(camera, photometry.fitted[w]->index));
+    CS_TRY(const Photo black_photo, session.photo(camera, photometry.fitted[b]->index));
+    model.projectors[q].gain = solver::gain_charts(pixels, model, static_cast<int>(q), white_photo, black_photo,
+                                                   photometry.data.frames[w], photometry.data.frames[b]);
+  }
+  model.white = reference_white(model);
+  summary.chi2 = fit.chi2;
+  summary.held_out_error = fit.held_out_error * white / model.white;
+  summary.held_out_p99 = fit.held_out_p99 * white / model.white;
+  for (int c = 0; c < 3; ++c) summary.mean_k[c] = fit.k.col(c).mean();
+  summary.frames = static_cast<int>(photometry.fitted.size());
+  summary.notes.insert(summary.notes.end(), fit.notes.begin(), fit.notes.end());
+  summary.has_model = true;
+  return {};
+}
+
+json summary_json(const CalibrationSummary& s) {
+  json decoded = json::array();
+  for (const DecodeSummary& d : s.decoded)
+    decoded.push_back({{"projector", d.projector}, {"lit_pixels", d.lit}, {"accepted_share", d.accepted}});
+  return {{"format_version", 1},
+          {"decoded", decoded},
+          {"has_geometry", s.has_geometry},
+          {"has_model", s.has_model},
+          {"reprojection_rms_px", s.reprojection_px},
+          {"crease_angle_deg", s.crease_angle_deg},
+          {"crease_angle_sigma_deg", s.crease_sigma_deg},
+          {"chi2_reduced", s.chi2},
+          {"held_out_error", s.held_out_error},
+          {"held_out_p99", s.held_out_p99},
+          {"mean_indirect_gain", {s.mean_k[0], s.mean_k[1], s.mean_k[2]}},
+          {"photometric_frames", s.frames},
+          {"notes", s.notes}};
+}
+
+CalibrationSummary summary_from(const json& j) {
+  CalibrationSummary s;
+  for (const json& d : j.at("decoded"))
+    s.decoded.push_back({d.at("projector"), d.at("accepted_share"), d.at("lit_pixels")});
+  s.has_geometry = j.at("has_geometry");
+  s.has_model = j.at("has_model");
+  s.reprojection_px = j.at("reprojection_rms_px").get<std::vector<double>>();
+  s.crease_angle_deg = j.at("crease_angle_deg").get<std::vector<double>>();
+  s.crease_sigma_deg = j.at("crease_angle_sigma_deg").get<std::vector<double>>();
+  s.chi2 = j.at("chi2_reduced");
+  s.held_out_error = j.at("held_out_error");
+  s.held_out_p99 = j.at("held_out_p99");
+  s.frames = j.at("photometric_frames");
+  s.notes = j.at("notes").get<std::vector<std::string>>();
+  return s;
+}
+
+bool has_photometry(const Sequence& sequence) {
+  return std::any_of(sequence.frames.begin(), sequence.frames.end(),
+                     [](const Frame& f) { return f.role.kind == "blocks"; });
+}
+
+// The first camera with a lens model, else the first.
+const CameraSpec& camera_to_use(const Rig& rig) {
+  for (const CameraSpec& c : rig.cameras)
+    if (!c.model.empty()) return c;
+  return rig.cameras.front();
+}
+
+Result<void> fill(const Session& session, const fs::path& folder, const CalibrateOptions& options,
+                  CalibrationSummary& summary, Progress& progress) {
+  const Rig& rig = session.rig();
+  const CameraSpec& camera = camera_to_use(rig);
+  if (rig.cameras.size() > 1)
+    summary.notes.push_back(fmt::format("camera '{}' is used; the others are stored but not yet evaluated", camera.id));
+  std::error_code code;
+  fs::create_directories(folder / "correspondence", code);
+  if (code)
+    return error(ErrorCode::kIo, "cannot create '{}': {}", (folder / "correspondence").string(), code.message());
+  CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(rig)));
+  CS_TRY(const std::vector<Correspondence> decoded,
+         decode_all(session, camera.id, folder / "correspondence", summary, progress));
+  if (camera.model.empty()) {
+    summary.notes.push_back(fmt::format(
+        "camera '{}' has no lens model ([[camera]] model = a .cameramodel): no geometry, no light model", camera.id));
+    return {};
+  }
+  CS_TRY(Device lens, read_cameramodel(camera.model));
+  if (!decoded.front().x.same_size(lens.lens.width(), lens.lens.height()))
+    return error(ErrorCode::kBadValue,
+                 "camera '{}': photos are {} x {} pixels but its model '{}' is for {} x {}; calibrate the lens at this "
+                 "resolution",
+                 camera.id, decoded.front().x.width(), decoded.front().x.height(), camera.model.string(),
+                 lens.lens.width(), lens.lens.height());
+  lens.device_from_world = {};
+  std::vector<solver::ProjectorObservation> observations;
+  for (const Correspondence& c : decoded) observations.push_back({*rig.projector(c.projector), &c.x, &c.y, &c.sigma});
+  solver::GeometryOptions geometry_options;
+  geometry_options.planes = rig.screen.planes;
+  CS_TRY(const solver::GeometryFit geometry,
+         solver::fit_geometry(lens, observations, rig.screen, geometry_options, progress));
+  summary.has_geometry = true;
+  summary.notes.insert(summary.notes.end(), geometry.notes.begin(), geometry.notes.end());
+  for (const auto& p : geometry.projectors) summary.reprojection_px.push_back(p.rms_px);
+  for (std::size_t i = 0; i < geometry.screen.creases.size(); ++i) {
+    summary.crease_angle_deg.push_back(geometry.screen.creases[i].angle * 180 / std::numbers::pi);
+    summary.crease_sigma_deg.push_back(geometry.angle_sigma[i] * 180 / std::numbers::pi);
+  }
+  fs::create_directories(folder / "geometry", code);
+  CS_TRY_VOID(write_cameramodel(folder / "geometry" / "camera.cameramodel", lens));
+  for (const auto& p : geometry.projectors)
+    CS_TRY_VOID(write_cameramodel(folder / "geometry" / (p.id + ".cameramodel"), p.device));
+  if (!has_photometry(session.sequence())) {
+    summary.notes.push_back(
+        "the sequence has no photometric frames (role 'blocks'): geometry only, nothing to compensate with");
+    return {};
+  }
+  CS_TRY(solver::Model model, start_model(rig, geometry, options, progress));
+  const solver::PixelGeometry pixels = solver::pixel_geometry(lens, geometry, model.patches);
+  CS_TRY_VOID(fit_light(session, camera.id, pixels, model, summary, progress));
+  fs::create_directories(folder / "model", code);
+  return solver::write_model(folder / "model", model);
+}
+
+}  // namespace
+
+Result<CalibrationSummary> calibrate(const fs::path& session_folder, const fs::path& out,
+                                     const CalibrateOptions& options, Progress& progress) {
+  CS_TRY(const Session session, Session::open(session_folder));
+  CalibrationSummary summary;
+  CS_TRY_VOID(create_folder_atomically(out, [&](const fs::path& folder) -> Result<void> {
+    CS_TRY_VOID(fill(session, folder, options, summary, progress));
+    return write_atomically(folder / "calibration.json", summary_json(summary).dump(1) + "\n");
+  }));
+  return summary;
+}
+
+Result<Calibration> open_calibration(const fs::path& folder) {
+  CS_TRY(const std::string text, read_text(folder / "calibration.json"));
+  Calibration calibration;
+  try {
+    const json j = json::parse(text);
+    if (j.at("format_version").get<int>() > 1)
+      return error(ErrorCode::kBadFile,
+                   "'{}' has format_version {}, this program reads up to 1; use a newer countershade",
+                   (folder / "calibration.json").string(), j.at("format_version").get<int>());
+    calibration.summary = summary_from(j);
+  } catch (const json::exception& e) {
+    return error(ErrorCode::kBadFile, "'{}' is not a calibration's summary: {}; run calibrate again",
+                 (folder / "calibration.json").string(), e.what());
+  }
+  if (!calibration.summary.has_model)
+    return error(ErrorCode::kRefused, "calibration '{}' holds no light model: {}", folder.string(),
+                 calibration.summary.notes.empty() ? "no reason recorded"
+                                                   : fmt::format("{}", fmt::join(calibration.summary.notes, "; ")));
+  CS_TRY(calibration.rig, read_rig(folder / "rig.toml"));
+  CS_TRY(calibration.camera, read_cameramodel(folder / "geometry" / "camera.cameramodel"));
+  calibration.camera_id = camera_to_use(calibration.rig).id;
+  CS_TRY(calibration.model, solver::read_model(folder / "model"));
+  return calibration;
+}
+
+solver::PixelGeometry pixels_of(const Calibration& calibration) {
+  solver::GeometryFit geometry;
+  geometry.screen = calibration.model.screen;
+  for (const solver::ProjectorModel& p : calibration.model.projectors)
+    geometry.projectors.push_back({p.id, p.device, 0, {}});
+  return solver::pixel_geometry(calibration.camera, geometry, calibration.model.patches);
+}
+
+}  // namespace countershade::tools

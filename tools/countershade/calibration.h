@@ -1,0 +1,61 @@
+// From a session to a calibration: decode, geometry, form factors, photometric fit, model.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "calib/base/progress.h"
+#include "calib/base/result.h"
+#include "calib/file/session.h"
+#include "solver/fit/geometry_fit.h"
+#include "solver/fit/patch_data.h"
+#include "solver/transport/model.h"
+
+namespace countershade::tools {
+
+struct CalibrateOptions {
+  std::array<int, 2> patches{0, 0};  // per surface; {0, 0} = auto: square patches, 32 along the longest chart side
+};
+
+// How the decoding of one projector went.
+struct DecodeSummary {
+  std::string projector;
+  double accepted = 0;  // share of the lit pixels
+  std::size_t lit = 0;
+};
+
+struct CalibrationSummary {
+  std::vector<DecodeSummary> decoded;
+  bool has_geometry = false, has_model = false;
+  std::vector<double> reprojection_px;  // per projector
+  std::vector<double> crease_angle_deg, crease_sigma_deg;
+  double chi2 = 0, held_out_error = 0, held_out_p99 = 0;  // fractions of white
+  double mean_k[3] = {0, 0, 0};
+  int frames = 0;
+  std::vector<std::string> notes;  // what was assumed, what is missing
+};
+
+// calibration/ (the folder appears whole):
+//   calibration.json   summary; rig.toml; correspondence/<camera>-<projector>.exr, reasons.json, pictures of the
+//   reasons model/             see solver/transport/model.h; absent when photos or lens model do not allow it
+//   geometry/camera.cameramodel  the camera that the model's world is the frame of
+// Sessions of several cameras: the first one with a lens model counts.
+Result<CalibrationSummary> calibrate(const std::filesystem::path& session, const std::filesystem::path& out,
+                                     const CalibrateOptions& options, Progress& progress);
+
+// What verify and compensate need of a calibration folder.
+struct Calibration {
+  Rig rig;
+  Device camera;
+  std::string camera_id;
+  solver::Model model;
+  CalibrationSummary summary;
+};
+// Errors: kBadFile; kRefused when the calibration holds no model (says what was missing).
+Result<Calibration> open_calibration(const std::filesystem::path& folder);
+
+// Camera pixels of a calibrated model.
+solver::PixelGeometry pixels_of(const Calibration& calibration);
+
+}  // namespace countershade::tools

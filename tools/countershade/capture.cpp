@@ -1,0 +1,106 @@
+// capture, simulate, patterns, import: everything that makes sessions or what they are made of.
+#include "capture/session/runner.h"
+
+#include <CLI/CLI.hpp>
+
+#include "calib/file/file.h"
+#include "tools/countershade/devices.h"
+#include "tools/countershade/verbs.h"
+
+namespace countershade::tools {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+  fs::path rig, out, photos, sequence;
+};
+
+Answer session_answer(const fs::path& session, std::size_t frames) {
+  return {fmt::format("session {} is complete: {} frames\nnext: countershade calibrate {} -o calibration/\n",
+                      session.string(), frames, session.string()),
+          fmt::format("{{\"session\": \"{}\", \"frames\": {}}}\n", session.string(), frames)};
+}
+
+Result<Answer> run_capture(const Options& options, bool simulate, const Context& context) {
+  CS_TRY(Rig rig, read_rig(options.rig));
+  if (simulate)
+    for (CameraSpec& camera : rig.cameras) camera.backend = "simulated";
+  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress));
+  const Sequence sequence = capture::default_sequence(rig);
+  const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
+  CS_TRY_VOID(capture::capture_session(rig, simulation, sequence, open.devices, options.out, {}, *context.progress));
+  CS_TRY_VOID(context.record(options.out, {options.rig}));
+  return session_answer(options.out, sequence.frames.size());
+}
+
+Result<Answer> run_patterns(const Options& options, const Context& context) {
+  CS_TRY(const Rig rig, read_rig(options.rig));
+  const Sequence sequence = capture::default_sequence(rig);
+  CS_TRY_VOID(capture::write_patterns(sequence, options.out));
+  CS_TRY_VOID(context.record(options.out, {options.rig}));
+  return Answer{
+      fmt::format("wrote {} frames to {}: show {}/NNNN/<projector>.png on each projector, photograph, then "
+                  "countershade import\n",
+                  sequence.frames.size(), options.out.string(), options.out.string()),
+      fmt::format("{{\"patterns\": \"{}\", \"frames\": {}}}\n", options.out.string(), sequence.frames.size())};
+}
+
+Result<Answer> run_import(const Options& options, const Context& context) {
+  CS_TRY(const Rig rig, read_rig(options.rig));
+  Sequence sequence = capture::default_sequence(rig);
+  fs::path file = options.sequence;
+  if (file.empty() && fs::exists(options.photos / "sequence.json")) file = options.photos / "sequence.json";
+  if (!file.empty()) {
+    CS_TRY(sequence, read_sequence(file));
+  }
+  CS_TRY_VOID(capture::import_session(rig, sequence, options.photos, options.out, *context.progress));
+  CS_TRY_VOID(context.record(options.out, {options.rig}));
+  return session_answer(options.out, sequence.frames.size());
+}
+
+CLI::App* add_verb(CLI::App& app, const char* name, const char* what, Options& options, const char* out) {
+  auto* verb = app.add_subcommand(name, what);
+  verb->add_option("rig", options.rig, "rig.toml")->required();
+  options.out = out;
+  verb->add_option("-o,--output", options.out, "folder to write")->capture_default_str();
+  return verb;
+}
+
+}  // namespace
+
+void add_capture(CLI::App& app, Action& action) {
+  auto options = std::make_shared<Options>();
+  auto* verb = add_verb(app, "capture", "show, photograph, store; resumes where it was stopped", *options, "session");
+  verb->callback(
+      [options, &action] { action = [options](const Context& c) { return run_capture(*options, false, c); }; });
+}
+
+void add_simulate(CLI::App& app, Action& action) {
+  auto options = std::make_shared<Options>();
+  auto* verb = add_verb(app, "simulate", "capture the same rig made of light that never was ([simulation] of rig.toml)",
+                        *options, "session");
+  verb->callback(
+      [options, &action] { action = [options](const Context& c) { return run_capture(*options, true, c); }; });
+}
+
+void add_patterns(CLI::App& app, Action& action) {
+  auto options = std::make_shared<Options>();
+  auto* verb =
+      add_verb(app, "patterns", "write every picture to show, for photographing by hand", *options, "patterns");
+  verb->callback([options, &action] { action = [options](const Context& c) { return run_patterns(*options, c); }; });
+}
+
+void add_import(CLI::App& app, Action& action) {
+  auto options = std::make_shared<Options>();
+  auto* verb = add_verb(app, "import", "make a session from photos taken elsewhere", *options, "session");
+  verb->add_option("--photos", options->photos, "folder of photos: NNNN.png|tif|exr, or <camera id>/NNNN.*")
+      ->required();
+  verb->add_option(
+      "--sequence", options->sequence,
+      "sequence.json that says what the photos show [default: photos/sequence.json, else our own sequence]");
+  verb->callback([options, &action] { action = [options](const Context& c) { return run_import(*options, c); }; });
+}
+
+}  // namespace countershade::tools

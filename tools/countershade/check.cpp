@@ -1,0 +1,72 @@
+// check and devices: what can be known before a capture.
+#include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
+
+#include "tools/countershade/devices.h"
+#include "tools/countershade/self_check.h"
+#include "tools/countershade/verbs.h"
+
+namespace countershade::tools {
+
+namespace {
+
+struct Options {
+  std::filesystem::path rig;
+};
+
+std::string text_of(const std::vector<Finding>& findings) {
+  std::string text;
+  for (const Finding& f : findings)
+    text += fmt::format("{:<5} {:<34} {}{}\n", f.ok ? "ok" : "WRONG", f.what, f.measured,
+                        f.ok ? "" : "\n      " + f.remedy);
+  return text;
+}
+
+Result<Answer> run_check(const Options& options, const Context& context) {
+  CS_TRY(const Rig rig, read_rig(options.rig));
+  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress));
+  CS_TRY(const std::vector<Finding> findings, self_check(rig, open.devices, *context.progress));
+  nlohmann::json document = nlohmann::json::array();
+  bool all_ok = true;
+  for (const Finding& f : findings) {
+    document.push_back({{"what", f.what}, {"measured", f.measured}, {"ok", f.ok}, {"remedy", f.ok ? "" : f.remedy}});
+    all_ok = all_ok && f.ok;
+  }
+  return Answer{text_of(findings), document.dump(1) + "\n", all_ok ? 0 : 1};
+}
+
+Result<Answer> run_devices() {
+  struct Row {
+    const char *name, *state, *remedy;
+  };
+  static constexpr Row kRows[] = {
+      {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
+      {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
+      {"window (GLFW)", "ready", "countershade play"},
+      {"aravis, v4l2, libcamera", "not in this version", "photograph by hand: countershade patterns and import"},
+  };
+  std::string text;
+  nlohmann::json document = nlohmann::json::array();
+  for (const Row& row : kRows) {
+    text += fmt::format("{:<32} {:<20} {}\n", row.name, row.state, row.remedy);
+    document.push_back({{"backend", row.name}, {"state", row.state}, {"remedy", row.remedy}});
+  }
+  return Answer{text, document.dump(1) + "\n"};
+}
+
+}  // namespace
+
+void add_check(CLI::App& app, Action& action) {
+  auto* verb =
+      app.add_subcommand("check", "self-test before capture: display, stale frames, exposure, saturation, contrast");
+  auto options = std::make_shared<Options>();
+  verb->add_option("rig", options->rig, "rig.toml")->required();
+  verb->callback([options, &action] { action = [options](const Context& c) { return run_check(*options, c); }; });
+}
+
+void add_devices(CLI::App& app, Action& action) {
+  app.add_subcommand("devices", "cameras and displays this version can use; what is missing, and the remedy")
+      ->callback([&action] { action = [](const Context&) { return run_devices(); }; });
+}
+
+}  // namespace countershade::tools

@@ -1,0 +1,43 @@
+#include "tools/countershade/devices.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "calib/photometry/response.h"
+
+namespace countershade::tools {
+
+Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress) {
+  for (const CameraSpec& camera : rig.cameras)
+    if (camera.backend != "simulated")
+      return error(ErrorCode::kDevice,
+                   "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
+                   "`countershade patterns` writes by hand and use `countershade import`",
+                   camera.id, camera.backend);
+  CS_TRY(const Simulation simulation, read_simulation(simulation_file));
+  CS_TRY(std::shared_ptr<simdata::Simulator> simulator, simdata::Simulator::make(rig, simulation, progress));
+  OpenDevices open;
+  open.devices = simdata::simulated_devices(simulator);
+  open.simulator = std::move(simulator);
+  return open;
+}
+
+Photo photo_of(const capture::Exposure& exposure, const CameraSpec& camera) {
+  const double full = camera.full_scale.value_or(exposure.full_scale);
+  const Response response = Response::parse(camera.response).value();
+  Photo photo;
+  photo.exposure_ms = exposure.exposure_ms;
+  photo.value = Image(exposure.values.width(), exposure.values.height(), exposure.values.channels());
+  photo.valid = Mask(exposure.values.width(), exposure.values.height(), 1, 1);
+  const int channels = exposure.values.channels();
+  const bool linear = camera.response == "linear";
+  for (std::size_t i = 0; i < exposure.values.data().size(); ++i) {
+    const double stored = exposure.values.data()[i];
+    const double fraction = (stored - camera.pedestal) / (full - camera.pedestal);
+    photo.value.data()[i] = static_cast<float>(linear ? fraction : response.decode(fraction));
+    if (stored >= 0.995 * full) photo.valid.data()[i / channels] = 0;
+  }
+  return photo;
+}
+
+}  // namespace countershade::tools

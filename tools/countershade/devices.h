@@ -1,0 +1,26 @@
+// Opens what a rig names: the one place where backends are registered.
+#pragma once
+
+#include <filesystem>
+#include <memory>
+
+#include "calib/base/progress.h"
+#include "calib/file/rig.h"
+#include "capture/device/device.h"
+#include "simdata/render/simulator.h"
+
+namespace countershade::tools {
+
+struct OpenDevices {
+  capture::Devices devices;
+  std::shared_ptr<const simdata::Simulator> simulator;  // null for real devices
+};
+
+// `simulation_file` is a rig.toml or simulation.toml; it is read only if a device of the rig is simulated.
+// Errors: kDevice, kBadValue (no [simulation] for a simulated device).
+Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress);
+
+// An exposure as linear light: pedestal subtracted, response undone, 1 = full scale.
+Photo photo_of(const capture::Exposure& exposure, const CameraSpec& camera);
+
+}  // namespace countershade::tools

@@ -1,0 +1,92 @@
+#include "tools/countershade/self_check.h"
+
+#include <algorithm>
+
+#include "tools/countershade/devices.h"
+
+namespace countershade::tools {
+
+namespace {
+
+// Value below which `share` of the samples lie.
+double percentile(const Image& image, double share) {
+  std::vector<float> values = image.data();
+  const auto nth = values.begin() + static_cast<std::ptrdiff_t>(share * (values.size() - 1));
+  std::nth_element(values.begin(), nth, values.end());
+  return *nth;
+}
+
+double mean_difference(const Image& a, const Image& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.data().size(); ++i) sum += std::abs(a.data()[i] - b.data()[i]);
+  return sum / a.data().size();
+}
+
+Picture flat(const capture::Projector& p, std::uint16_t value) {
+  return Picture(p.width(), p.height(), 3, value);
+}
+
+Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec, int lit,
+                         bool all) {
+  for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
+    capture::Projector& p = *devices.projectors[q];
+    CS_TRY_VOID(p.show(flat(p, all || static_cast<int>(q) == lit ? 65535 : 0)));
+  }
+  CS_TRY(const capture::Exposure exposure, camera.trigger());
+  return photo_of(exposure, spec);
+}
+
+Result<void> check_camera(const CameraSpec& spec, const capture::Devices& devices, capture::Camera& camera,
+                          std::vector<Finding>& findings) {
+  CS_TRY_VOID(camera.arm(spec.exposures_ms.empty() ? 0 : spec.exposures_ms.front()));
+  CS_TRY(const Photo black, photo_with(devices, camera, spec, -1, false));
+  const double dark = percentile(black.value, 0.5);
+  findings.push_back(
+      {fmt::format("camera {}: room in the dark", spec.id), fmt::format("{:.2f} % of full scale", 100 * dark),
+       "other light than the projectors': switch lamps off, close blinds, or state the camera's pedestal",
+       dark < 0.05});
+  for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
+    CS_TRY(const Photo white, photo_with(devices, camera, spec, static_cast<int>(q), false));
+    const double change = mean_difference(white.value, black.value);
+    findings.push_back({fmt::format("camera {}: sees projector {}", spec.id, devices.projectors[q]->id()),
+                        fmt::format("mean change {:.2f} % of full scale", 100 * change),
+                        "the photo did not change with the picture: wrong display, lens cap, or a stale frame (the "
+                        "camera photographs before the projector shows)",
+                        change > 0.01});
+  }
+  CS_TRY(const Photo full, photo_with(devices, camera, spec, -1, true));
+  const double bright = percentile(full.value, 0.99);
+  std::size_t saturated = 0;
+  for (std::uint8_t v : full.valid.data()) saturated += v == 0;
+  const double share = static_cast<double>(saturated) / full.valid.data().size();
+  findings.push_back({fmt::format("camera {}: exposure of white", spec.id),
+                      fmt::format("99th percentile at {:.0f} % of full scale", 100 * bright),
+                      fmt::format("aim at 60-90 %: multiply exposures_ms by {:.2f}", 0.8 / std::max(bright, 1e-3)),
+                      bright > 0.3 && bright < 0.95});
+  findings.push_back({fmt::format("camera {}: saturated pixels", spec.id), fmt::format("{:.3f} %", 100 * share),
+                      "shorten exposures_ms", share < 0.001});
+  CS_TRY(const Photo again, photo_with(devices, camera, spec, -1, false));
+  const double left =
+      mean_difference(again.value, black.value) / std::max(1e-9, mean_difference(full.value, black.value));
+  findings.push_back({fmt::format("camera {}: stale frames", spec.id),
+                      fmt::format("black after white keeps {:.1f} % of it", 100 * left),
+                      "the photo still shows the former picture: wait longer between showing and photographing",
+                      left < 0.05});
+  return {};
+}
+
+}  // namespace
+
+Result<std::vector<Finding>> self_check(const Rig& rig, const capture::Devices& devices, Progress& progress) {
+  std::vector<Finding> findings;
+  for (std::size_t i = 0; i < devices.cameras.size(); ++i) {
+    progress.step("check", i, devices.cameras.size());
+    const CameraSpec* spec = rig.camera(devices.cameras[i]->id());
+    CS_CHECK(spec, "a device of another rig");
+    CS_TRY_VOID(check_camera(*spec, devices, *devices.cameras[i], findings));
+  }
+  progress.step("check", devices.cameras.size(), devices.cameras.size());
+  return findings;
+}
+
+}  // namespace countershade::tools

@@ -1,0 +1,25 @@
+#include "tools/countershade/verbs.h"
+
+#include "calib/file/file.h"
+
+namespace countershade::tools {
+
+NamedPicture parse_named_picture(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos) return {"", text};
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
+
+Result<void> Context::record(const std::filesystem::path& folder,
+                             const std::vector<std::filesystem::path>& inputs) const {
+  Provenance provenance;
+  provenance.version = version;
+  provenance.command_line = command_line;
+  for (const auto& path : inputs) {
+    CS_TRY(const std::string hash, hash_file(path));
+    provenance.input_hashes.emplace_back(std::filesystem::absolute(path).lexically_normal().string(), hash);
+  }
+  return write_provenance(folder, provenance);
+}
+
+}  // namespace countershade::tools

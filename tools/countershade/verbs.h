@@ -1,0 +1,56 @@
+// The verbs of the command line: each is one file that adds its subcommand; main runs what was asked for.
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "calib/base/progress.h"
+#include "calib/base/result.h"
+
+namespace CLI {
+class App;
+}
+
+namespace countershade::tools {
+
+// What a verb answers on stdout: text for people, or with --json one document for programs.
+struct Answer {
+  std::string text, json;
+  int exit_code = 0;  // 1: the work was done and the verdict is FAIL
+};
+
+// What every verb gets.
+struct Context {
+  std::string version, command_line;
+  Progress* progress = nullptr;
+
+  // provenance.json beside an output (HOUSE.md); hashes the given inputs.
+  Result<void> record(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& inputs) const;
+};
+
+using Action = std::function<Result<Answer>(const Context&)>;
+
+// Each adds one subcommand, whose callback sets `action`.
+void add_new(CLI::App& app, Action& action);
+void add_devices(CLI::App& app, Action& action);
+void add_check(CLI::App& app, Action& action);
+void add_patterns(CLI::App& app, Action& action);
+void add_capture(CLI::App& app, Action& action);
+void add_import(CLI::App& app, Action& action);
+void add_simulate(CLI::App& app, Action& action);
+void add_calibrate(CLI::App& app, Action& action);
+void add_compensate(CLI::App& app, Action& action);
+void add_play(CLI::App& app, Action& action);
+void add_verify(CLI::App& app, Action& action);
+void add_run(CLI::App& app, Action& action);
+
+// "file.png" or "left=file.png".
+struct NamedPicture {
+  std::string id;  // empty = none given
+  std::filesystem::path file;
+};
+NamedPicture parse_named_picture(const std::string& text);
+
+}  // namespace countershade::tools
