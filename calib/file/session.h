@@ -4,10 +4,12 @@
 //   session/simulation.toml   only for simulated sessions; read by the simulator alone
 //   session/sequence.json     the frames in order (CONTRACT, `patterns/`)
 //   session/photos/<camera>/0007.tif     stored values as the camera gave them
-//   session/session.json      format_version, exposures, and per stored photo: exposure, timestamp, counter
+//   session/session.json      format_version
 #pragma once
 
+#include <array>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -75,6 +77,11 @@ class Session {
   Rig rig_;
   Sequence sequence_;
 };
+
+// What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel), simulation.toml where there
+// is one, sequence.json, session.json, photos/. Errors: kBadFile (a model is missing), kIo.
+Result<void> write_session_header(const std::filesystem::path& folder, const Rig& rig, const std::string& simulation_toml,
+                                  const Sequence& sequence);
 
 // The linear photo of one stored file of a camera.
 Result<Photo> read_photo(const std::filesystem::path& path, const CameraSpec& camera);

@@ -1,6 +1,8 @@
 #include "calib/geometry/lens.h"
 
+extern "C" {
 #include <mrcal/mrcal.h>
+}
 
 #include <cmath>
 #include <cstdlib>

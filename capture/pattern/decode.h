@@ -1,6 +1,8 @@
 // Which projector pixel is it: decoding of structured light (decode, beside encode in pattern.h).
 #pragma once
 
+#include <array>
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <string>
@@ -21,6 +23,7 @@ enum class Reason : std::uint8_t {
   kInconsistent = 4,   // the code leaves the projector, or disagrees with its neighbours
   kIsolated = 5,       // no accepted neighbour supports it
   kNoCode = 6,         // the sequence has no code of that axis for that projector
+  kIndirect = 7,       // no fine stripe modulates it: this projector lights it only by way of other surfaces
 };
 const std::map<int, std::string>& reason_names();
 
@@ -30,19 +33,34 @@ struct Correspondence {
   std::array<int, 2> projector_resolution{0, 0};
   Image x, y, sigma;  // (height, width, 1)
   Mask reason;        // Reason, (height, width, 1)
-  std::size_t lit = 0, accepted = 0;  // pixels of the white-black mask, and those decoded
+  std::size_t lit = 0, accepted = 0;  // pixels that are neither dark nor lit indirectly only, and those decoded
 };
 
 struct DecodeOptions {
-  double min_snr = 4;         // a bit is certain when |bit - inverse| exceeds min_snr sigma of the difference
-  double dark_fraction = 0.02;  // white - black below this fraction of its 99th percentile is dark
+  double min_snr = 4;             // a bit is certain when |bit - inverse| exceeds min_snr sigma of the difference
+  double dark_fraction = 0.02;    // white - black below this fraction of its 99th percentile is dark
+  double min_modulation = 0.04;   // ... and when it exceeds this fraction of white - black
+  double fine_modulation = 0.15;  // direct light reaches at least this in one of the four finest stripes of an axis
 };
+
+// Gives the linear photo of a frame, by its index.
+using PhotoSource = std::function<Result<Photo>(int index)>;
+
+// Gray code with inverse, cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells, the
+// pixel lies on that edge. The position is then refined by a plane through the accepted neighbours that agree, so that
+// quantisation averages out without bridging edges of the scene.
+Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
+                                     const std::string& projector, const DecodeOptions& options, Progress& progress);
 
 // Decodes one camera's view of one projector. Errors: kRefused when the sequence has no code for that projector, or
 // when not a single pixel is lit (names white and black levels seen, and what to check), or every white is saturated.
 Result<Correspondence> decode(const Session& session, const std::string& camera, const std::string& projector,
                               const DecodeOptions& options, Progress& progress);
 
+// <camera>-<projector>.exr (x, y, sigma, reason) and reasons.json.
 Result<void> write_correspondence(const std::filesystem::path& folder, const Correspondence& correspondence);
+
+// What was accepted (the code as a gradient, dimmed) and rejected (one colour per reason), as an 8-bit PNG.
+Result<void> write_reason_picture(const std::filesystem::path& path, const Correspondence& correspondence);
 
 }  // namespace countershade::capture

@@ -163,7 +163,8 @@ Companions companions(const Sequence& sequence, int position) {
   for (int i = 0; i < static_cast<int>(sequence.frames.size()); ++i) {
     const Role& r = sequence.frames[i].role;
     const bool one_projector = sequence.projectors.size() == 1;  // then no name is the same as its name
-    const bool same = r.projector == role.projector || (one_projector && (r.projector.empty() || role.projector.empty()));
+    const bool same =
+        r.projector == role.projector || (one_projector && (r.projector.empty() || role.projector.empty()));
     if (same && r.kind == "white" && found.white < 0) found.white = i;
     if (same && r.kind == "black" && found.black < 0) found.black = i;
     if (role.kind == "gray" && r == inverse) found.inverse = i;

@@ -13,8 +13,8 @@ Result<void> write_frame(const Sequence& sequence, const Frame& frame, const fs:
   std::error_code reason;
   fs::create_directories(folder, reason);
   if (reason)
-    return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions", folder.string(),
-                 reason.message());
+    return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions",
+                 folder.string(), reason.message());
   for (const auto& [id, size] : sequence.projectors) {
     CS_TRY(const Picture picture, render_role(frame.role, id, size[0], size[1]));
     CS_TRY_VOID(write_picture(folder / (id + ".png"), picture, 8));

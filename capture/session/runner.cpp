@@ -80,6 +80,7 @@ class Capture {
   Result<void> take_frame(int f);
   Result<void> retake(int f);
 
+  double noise(std::size_t c, const Bins& light) const;
   std::optional<double> response(std::size_t c, const std::string& projector) const;
   std::optional<std::string> doubt(int f, const std::vector<Image>& blocks, const std::vector<Shot>& shots) const;
   std::optional<std::string> stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
@@ -94,11 +95,11 @@ class Capture {
   Progress& progress_;
   std::vector<CameraSlot> cameras_;
   std::vector<Projector*> projectors_;
-  std::vector<std::vector<std::vector<bool>>> have_;  // [frame][camera][exposure]
+  std::vector<std::vector<std::vector<bool>>> have_;    // [frame][camera][exposure]
   std::vector<std::vector<std::optional<Bins>>> kept_;  // [frame][camera]
-  std::vector<std::array<int, 3>> size_;              // per camera: width, height, channels; 0 = not known yet
-  std::vector<Image> shown_;                          // blocks of the pictures of the last accepted photo
-  std::vector<Bins> former_;                          // that photo, per camera
+  std::vector<std::array<int, 3>> size_;                // per camera: width, height, channels; 0 = not known yet
+  std::vector<Image> shown_;                            // blocks of the pictures of the last accepted photo
+  std::vector<Bins> former_;                            // that photo, per camera
 };
 
 Result<void> Capture::find_devices() {
@@ -109,18 +110,20 @@ Result<void> Capture::find_devices() {
     for (const auto& device : devices_.cameras)
       if (device->id() == spec.id) slot.device = device.get();
     if (slot.device == nullptr)
-      return error(ErrorCode::kDevice, "camera '{}' of the rig is not open: connect it, or remove it from the rig", spec.id);
+      return error(ErrorCode::kDevice, "camera '{}' of the rig is not open: connect it, or remove it from the rig",
+                   spec.id);
     CS_TRY_VOID(slot.device->arm(slot.exposures[0]));
     cameras_.push_back(std::move(slot));
   }
   for (const auto& [id, size] : sequence_.projectors) {
     Projector* device = devices_.projector(id);
     if (device == nullptr)
-      return error(ErrorCode::kDevice, "projector '{}' of the rig is not open: connect it, or remove it from the rig", id);
+      return error(ErrorCode::kDevice, "projector '{}' of the rig is not open: connect it, or remove it from the rig",
+                   id);
     if (device->width() != size[0] || device->height() != size[1])
       return error(ErrorCode::kDevice,
-                   "projector '{}' shows {}x{} pixels, the rig says {}x{}: set the display's mode or correct the rig", id,
-                   device->width(), device->height(), size[0], size[1]);
+                   "projector '{}' shows {}x{} pixels, the rig says {}x{}: set the display's mode or correct the rig",
+                   id, device->width(), device->height(), size[0], size[1]);
     projectors_.push_back(device);
   }
   size_.resize(cameras_.size());
@@ -147,8 +150,9 @@ Result<void> Capture::load_photo(int f, std::size_t c, std::size_t e) {
   const std::array<int, 3> size{values.width(), values.height(), values.channels()};
   if (size_[c][0] == 0) size_[c] = size;
   if (size_[c] != size)
-    return error(ErrorCode::kRefused, "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong",
-                 path.string(), size[0], size[1], size_[c][0], size_[c][1]);
+    return error(ErrorCode::kRefused,
+                 "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong", path.string(),
+                 size[0], size[1], size_[c][0], size_[c][1]);
   have_[f][c][e] = true;
   if (e == 0) kept_[f][c] = bin_photo(values, read->full_scale, *cameras_[c].spec);
   return {};
@@ -165,8 +169,8 @@ Result<void> Capture::load_stored() {
     std::error_code reason;
     fs::create_directories(folder, reason);
     if (reason)
-      return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions", folder.string(),
-                   reason.message());
+      return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions",
+                   folder.string(), reason.message());
     CS_TRY_VOID(remove_unfinished(folder));
     for (int f = 0; f < frames(); ++f)
       for (std::size_t e = 0; e < cameras_[c].exposures.size(); ++e) CS_TRY_VOID(load_photo(f, c, e));
@@ -293,14 +297,14 @@ int Capture::reference_frame() const {
 
 Result<void> Capture::check_unmoved(int f, const std::vector<Bins>& now) {
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const auto [difference, factor] = change_of_view(*kept_[f][c], now[c]);
+    const auto [difference, brightening] = change_of_view(now[c], *kept_[f][c]);
     const double noise = cameras_[c].floor / std::max(1e-6, mean_light(now[c]));
-    if (difference > kMoved + 4 * noise || std::abs(factor) > kBrightened)
+    if (difference > kMoved + 4 * noise || std::abs(brightening) > kBrightened)
       return error(ErrorCode::kRefused,
                    "camera '{}' sees {} differently than when it was stored: {:.1f} % of its light changed place "
                    "(allowed {:.1f} %) and its brightness changed by {:.1f} % (allowed {:.0f} %). Camera, projector or "
                    "room moved: put them back as they were, or capture a new session in another folder",
-                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * (kMoved + 4 * noise), -100 * factor,
+                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * (kMoved + 4 * noise), 100 * brightening,
                    100 * kBrightened);
   }
   return {};
@@ -320,6 +324,12 @@ Result<void> Capture::start() {
 }
 
 // ---- is this the frame that was asked for? ----
+
+// Mean difference that noise makes between two photos of this light: the measured one, or the photon noise of bins of
+// 64 pixels that hold 2000 electrons each when full, a small sensor's.
+double Capture::noise(std::size_t c, const Bins& light) const {
+  return std::max(cameras_[c].floor, 0.0025 * std::sqrt(std::max(0.0, mean_light(light))));
+}
 
 // How much white of a projector changes the camera's bins against black; nothing where that is not photographed yet.
 std::optional<double> Capture::response(std::size_t c, const std::string& projector) const {
@@ -349,16 +359,16 @@ std::optional<std::string> Capture::stale(const std::vector<Image>& blocks, cons
   }
   bool any_change = false;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const double change = mean_difference(now[c], former_[c]), floor = cameras_[c].floor;
-    any_change = any_change || change > 4 * floor + 0.001;  // a thousandth of full scale: nothing decodes below that
+    const double change = mean_difference(now[c], former_[c]), floor = noise(c, former_[c]);
+    any_change = any_change || change > 4 * floor + 0.0005;  // of full scale: nothing decodes below that
     if (unknown < kPredictable && predicted[c] > kPredictable * whole[c] && predicted[c] > 10 * floor &&
         predicted[c] > 0.001 && change < kShownChange * predicted[c] + 2 * floor)
-      return fmt::format("camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
-                         "about {:.2f} %)",
-                         cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
+      return fmt::format(
+          "camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
+          "about {:.2f} %)",
+          cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
   }
-  if (unknown > 0.3 && !any_change)
-    return std::string("no camera sees any change of the projected light");
+  if (unknown > 0.3 && !any_change) return std::string("no camera sees any change of the projected light");
   return std::nullopt;
 }
 
@@ -370,14 +380,14 @@ std::optional<std::string> Capture::wrong_pair(int f, const std::vector<Bins>& n
     const auto& black = kept_[with.black][c];
     const auto& inverse = kept_[with.inverse][c];
     if (!white || !black || !inverse) continue;
-    const double swing = mean_difference(*white, *black);
-    if (swing < 10 * cameras_[c].floor || swing < 0.001) continue;  // this camera does not see that projector
+    const double swing = mean_difference(*white, *black), tolerance = kPairTolerance + 4 * noise(c, *white) / swing;
+    if (swing < 10 * noise(c, *white) || swing < 0.001) continue;  // this camera does not see that projector
     const PairLaw law = pair_law(*white, *black, *inverse, now[c]);
-    if (law.error > kPairTolerance + 4 * cameras_[c].floor / swing)
-      return fmt::format("camera '{}': it and {} do not add up to white + black ({:.0f} % of the light is wrong, allowed "
-                         "{:.0f} %)",
-                         cameras_[c].spec->id, frame_name(with.inverse), 100 * law.error,
-                         100 * (kPairTolerance + 4 * cameras_[c].floor / swing));
+    if (law.error > tolerance)
+      return fmt::format(
+          "camera '{}': it and {} do not add up to white + black ({:.0f} % of the light is wrong, allowed "
+          "{:.0f} %)",
+          cameras_[c].spec->id, frame_name(with.inverse), 100 * law.error, 100 * tolerance);
   }
   return std::nullopt;
 }
@@ -389,7 +399,8 @@ std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const 
   return bins;
 }
 
-std::optional<std::string> Capture::doubt(int f, const std::vector<Image>& blocks, const std::vector<Shot>& shots) const {
+std::optional<std::string> Capture::doubt(int f, const std::vector<Image>& blocks,
+                                          const std::vector<Shot>& shots) const {
   const std::vector<Bins> now = bins_of(f, shots);
   if (auto why = stale(blocks, now)) return why;
   return wrong_pair(f, now);
@@ -420,11 +431,12 @@ Result<void> Capture::take_frame(int f) {
       return {};
     }
     if (attempt >= options_.retakes)
-      return error(ErrorCode::kDevice,
-                   "{}: {}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
-                   "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
-                   "stored is kept, and the same command resumes",
-                   frame_name(f), *why, attempt + 1, options_.retakes + 1);
+      return error(
+          ErrorCode::kDevice,
+          "{}: {}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
+          "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
+          "stored is kept, and the same command resumes",
+          frame_name(f), *why, attempt + 1, options_.retakes + 1);
     progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), *why));
     if (attempt > 0 && wrong_pair(f, now)) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
   }
@@ -452,11 +464,11 @@ Result<void> capture_session(const Rig& rig, const std::string& simulation_toml,
   if (options.retakes < 0)
     return error(ErrorCode::kBadValue, "retakes = {} is below 0: give 0 or more", options.retakes);
   CS_TRY_VOID(check_sequence(rig, sequence));
+  Capture capture(rig, sequence, devices, folder, options, progress);
+  CS_TRY_VOID(capture.find_devices());
   CS_TRY_VOID(claim_folder(folder));
   CS_TRY(const FolderLock lock, FolderLock::take(folder));
   CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence));
-  Capture capture(rig, sequence, devices, folder, options, progress);
-  CS_TRY_VOID(capture.find_devices());
   CS_TRY_VOID(capture.load_stored());
   return capture.take_missing();
 }

@@ -126,8 +126,8 @@ Result<void> check_sequence(const Rig& rig, const Sequence& sequence) {
   for (const auto& [id, size] : sequence.projectors) {
     const ProjectorSpec* spec = rig.projector(id);
     if (spec == nullptr)
-      return error(ErrorCode::kBadValue, "the sequence lights projector '{}', which the rig does not have: correct its id",
-                   id);
+      return error(ErrorCode::kBadValue,
+                   "the sequence lights projector '{}', which the rig does not have: correct its id", id);
     if (spec->resolution != size)
       return error(ErrorCode::kBadValue,
                    "projector '{}' has {}x{} pixels in the rig but {}x{} in the sequence: make them equal", id,

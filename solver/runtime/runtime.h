@@ -23,7 +23,8 @@ enum class Precision { kHalf, kFloat };  // of the stored form factors
 class Runtime {
  public:
   // Uploads the model. Errors: kDevice: shader errors with file, line and driver string; limits exceeded.
-  static Result<std::unique_ptr<Runtime>> make(const Model& model, const CompensateOptions& options, Precision precision);
+  static Result<std::unique_ptr<Runtime>> make(const Model& model, const CompensateOptions& options,
+                                               Precision precision);
   virtual ~Runtime() = default;
   // Sends pictures[q] to the GPU (empty = black), runs reduce, gather(s), pixel step. Does not wait.
   virtual Result<void> render(std::span<const Picture> pictures) = 0;

@@ -1,0 +1,176 @@
+#include "capture/device/window.h"
+
+#include <GLFW/glfw3.h>
+
+namespace countershade::capture {
+
+namespace {
+
+std::string glfw_reason() {
+  const char* text = nullptr;
+  glfwGetError(&text);
+  return text != nullptr ? text : "no reason given";
+}
+
+// Connects to the display. Never disconnected: other windows of the process may live on.
+Result<void> connect() {
+  if (glfwInit() == GLFW_TRUE) return {};
+  return error(ErrorCode::kDevice,
+               "there is no display to show pictures on ({}): start this on the desktop of the machine, or set DISPLAY",
+               glfw_reason());
+}
+
+Monitor describe(GLFWmonitor* monitor) {
+  const GLFWvidmode* mode = glfwGetVideoMode(monitor);
+  const char* name = glfwGetMonitorName(monitor);
+  return {name != nullptr ? name : "", mode ? mode->width : 0, mode ? mode->height : 0,
+          mode ? static_cast<double>(mode->refreshRate) : 0.0};
+}
+
+Result<GLFWmonitor*> find_monitor(const std::string& projector, const std::string& name, int width, int height) {
+  int count = 0;
+  GLFWmonitor** monitors = glfwGetMonitors(&count);
+  std::string names;
+  for (int i = 0; i < count; ++i) {
+    const Monitor found = describe(monitors[i]);
+    names += fmt::format("{}'{}' ({}x{})", i ? ", " : "", found.name, found.width, found.height);
+    if (found.name != name) continue;
+    if (found.width != width || found.height != height)
+      return error(
+          ErrorCode::kDevice,
+          "projector '{}': monitor '{}' shows {}x{} pixels, the rig says {}x{}: set the monitor's mode (xrandr) or "
+          "correct the rig",
+          projector, name, found.width, found.height, width, height);
+    return monitors[i];
+  }
+  return error(ErrorCode::kDevice,
+               "projector '{}': there is no monitor '{}'; there is {}: connect it, or correct `monitor` "
+               "in the rig",
+               projector, name, names.empty() ? "none" : names);
+}
+
+// The few functions of OpenGL 1.1 that a picture needs, fetched from the driver.
+struct OpenGl {
+  decltype(&glDrawPixels) draw_pixels = nullptr;
+  decltype(&glRasterPos2f) raster_position = nullptr;
+  decltype(&glPixelZoom) pixel_zoom = nullptr;
+  decltype(&glPixelStorei) pixel_store = nullptr;
+  decltype(&glDisable) disable = nullptr;
+  decltype(&glViewport) viewport = nullptr;
+  decltype(&glFinish) finish = nullptr;
+  decltype(&glGetError) get_error = nullptr;
+
+  bool load() {
+    const auto fetch = [](auto& function, const char* name) {
+      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(glfwGetProcAddress(name));
+      return function != nullptr;
+    };
+    return fetch(draw_pixels, "glDrawPixels") && fetch(raster_position, "glRasterPos2f") &&
+           fetch(pixel_zoom, "glPixelZoom") && fetch(pixel_store, "glPixelStorei") && fetch(disable, "glDisable") &&
+           fetch(viewport, "glViewport") && fetch(finish, "glFinish") && fetch(get_error, "glGetError");
+  }
+};
+
+class WindowProjector final : public Projector {
+ public:
+  WindowProjector(std::string id, int width, int height, GLFWwindow* window)
+      : id_(std::move(id)), width_(width), height_(height), window_(window) {}
+  ~WindowProjector() override { glfwDestroyWindow(window_); }
+  WindowProjector(const WindowProjector&) = delete;
+  WindowProjector& operator=(const WindowProjector&) = delete;
+
+  const std::string& id() const override { return id_; }
+  int width() const override { return width_; }
+  int height() const override { return height_; }
+
+  Result<void> prepare() {
+    glfwMakeContextCurrent(window_);
+    if (!gl_.load())
+      return error(ErrorCode::kDevice, "projector '{}': the display's OpenGL cannot draw pictures: install its driver",
+                   id_);
+    glfwSwapInterval(1);
+    return check_size();
+  }
+
+  Result<void> show(const Picture& picture) override {
+    CS_CHECK(picture.same_size(width_, height_) && picture.channels() == 3,
+             "a picture in the projector's own resolution");
+    bytes_.resize(picture.data().size());
+    for (std::size_t i = 0; i < bytes_.size(); ++i)
+      bytes_[i] = static_cast<std::uint8_t>((picture.data()[i] + 128) / 257);
+    glfwMakeContextCurrent(window_);
+    glfwPollEvents();
+    CS_TRY_VOID(check_size());
+    draw();
+    glfwSwapBuffers(window_);
+    gl_.finish();
+    if (const unsigned code = gl_.get_error(); code != 0)
+      return error(ErrorCode::kDevice,
+                   "projector '{}': OpenGL error {:#x} while showing a picture: check the display's driver", id_, code);
+    glfwPollEvents();
+    return {};
+  }
+
+ private:
+  Result<void> check_size() const {
+    int width = 0, height = 0;
+    glfwGetFramebufferSize(window_, &width, &height);
+    if (width == width_ && height == height_) return {};
+    return error(
+        ErrorCode::kDevice,
+        "projector '{}': the window has {}x{} pixels instead of {}x{}: switch the desktop's scaling off and leave "
+        "the window alone",
+        id_, width, height, width_, height_);
+  }
+
+  void draw() const {
+    gl_.disable(GL_DITHER);
+    gl_.viewport(0, 0, width_, height_);
+    gl_.pixel_store(GL_UNPACK_ALIGNMENT, 1);
+    gl_.raster_position(-1, 1);  // top left
+    gl_.pixel_zoom(1, -1);       // row 0 on top
+    gl_.draw_pixels(width_, height_, GL_RGB, GL_UNSIGNED_BYTE, bytes_.data());
+  }
+
+  std::string id_;
+  int width_, height_;
+  GLFWwindow* window_;
+  OpenGl gl_;
+  std::vector<std::uint8_t> bytes_;
+};
+
+}  // namespace
+
+Result<std::vector<Monitor>> list_monitors() {
+  CS_TRY_VOID(connect());
+  int count = 0;
+  GLFWmonitor** monitors = glfwGetMonitors(&count);
+  std::vector<Monitor> found;
+  for (int i = 0; i < count; ++i) found.push_back(describe(monitors[i]));
+  return found;
+}
+
+Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, int width, int height,
+                                                         const std::string& monitor, const std::string& title) {
+  CS_TRY_VOID(connect());
+  GLFWmonitor* place = nullptr;
+  if (!monitor.empty()) {
+    CS_TRY(place, find_monitor(id, monitor, width, height));
+  }
+  glfwDefaultWindowHints();
+  glfwWindowHint(GLFW_RESIZABLE, GLFW_FALSE);
+  glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);  // a projector stays when another window gets the focus
+  glfwWindowHint(GLFW_REFRESH_RATE, GLFW_DONT_CARE);
+  GLFWwindow* window = glfwCreateWindow(width, height, title.c_str(), place, nullptr);
+  if (window == nullptr)
+    return error(ErrorCode::kDevice,
+                 "projector '{}': no window with OpenGL could be opened ({}): check the display's driver", id,
+                 glfw_reason());
+  auto projector = std::make_unique<WindowProjector>(id, width, height, window);
+  if (place == nullptr) glfwSetWindowPos(window, 0, 0);
+  if (place != nullptr) glfwSetInputMode(window, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
+  CS_TRY_VOID(projector->prepare());
+  return std::unique_ptr<Projector>(std::move(projector));
+}
+
+}  // namespace countershade::capture

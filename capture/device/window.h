@@ -1,0 +1,24 @@
+// A projector that is a monitor of this computer: one full-screen window, bits as given.
+#pragma once
+
+#include "capture/device/device.h"
+
+namespace countershade::capture {
+
+struct Monitor {
+  std::string name;  // the output's name as the window system gives it, e.g. "HDMI-1"
+  int width = 0, height = 0;
+  double refresh_hz = 0;  // 0 = unknown
+};
+
+// Monitors of the running display. Error: kDevice when there is no display to connect to.
+Result<std::vector<Monitor>> list_monitors();
+
+// Full screen on the monitor of that name; an empty name opens a window called `title` at the screen's origin.
+// A picture is shown with its values rounded to 8 bits, one value per pixel, without scaling, dither or colour
+// management of ours. All calls come from the thread that opened it, the main thread.
+// Errors: kDevice: no display, no such monitor (names those there are), or its mode is not width x height.
+Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, int width, int height,
+                                                         const std::string& monitor, const std::string& title);
+
+}  // namespace countershade::capture

@@ -1,0 +1,76 @@
+// A projector as a source of light: how strongly each of its pixels lights a point, and what a picture becomes.
+#pragma once
+
+#include <Eigen/Dense>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "calib/file/rig.h"
+#include "calib/geometry/lens.h"
+#include "calib/image/image.h"
+#include "simdata/render/scene.h"
+
+namespace countershade::simdata {
+
+using Light4 = Eigen::Array4f;  // RGB and one idle lane
+
+// The light of one picture, linear, 1 = white, black level included.
+struct PictureLight {
+  int width = 0, height = 0, margin = 0;  // of the picture; `sharp` and `blurred` extend by margin on each side
+  std::vector<Light4> blurred;            // after defocus, zero far outside
+  std::vector<Light4> block_mean;         // of the sharp picture, row by row
+
+  // Blurred light at a projector pixel, bilinear; zero outside.
+  Light4 at(float x, float y) const {
+    const float gx = x + static_cast<float>(margin), gy = y + static_cast<float>(margin);
+    const int columns = width + 2 * margin, rows = height + 2 * margin;
+    if (!(gx >= 0 && gy >= 0 && gx < static_cast<float>(columns - 1) && gy < static_cast<float>(rows - 1)))
+      return Light4::Zero();
+    const int ix = static_cast<int>(gx), iy = static_cast<int>(gy);
+    const float fx = gx - static_cast<float>(ix), fy = gy - static_cast<float>(iy);
+    const Light4* top = blurred.data() + static_cast<std::size_t>(iy) * columns + ix;
+    const Light4* bottom = top + columns;
+    return (top[0] * (1 - fx) + top[1] * fx) * (1 - fy) + (bottom[0] * (1 - fx) + bottom[1] * fx) * fy;
+  }
+};
+
+class Emitter {
+ public:
+  Emitter(const SimulatedProjector& spec, const Device& device, int block_px);
+
+  struct Beam {
+    Eigen::Vector2d pixel;  // projector pixel that lights the point
+    double irradiance = 0;  // at full white, in units of the reference irradiance
+  };
+  // The beam at a point of the lit side of `surface`; none where the picture misses it or another wall is in between.
+  // `margin_px` widens the picture.
+  //
+  //   E = power falloff throw^2 W / H cos(theta) / (r^2 cos^3 alpha)
+  //
+  // since each of the W H pixels carries the same flux and covers the solid angle cos^3(alpha) / f^2, f = throw W.
+  std::optional<Beam> beam(const Scene& scene, int surface, const Eigen::Vector3d& x, double margin_px = 0) const;
+  // Sets `power` [m^2]: irradiance 1 on a perpendicular screen at `distance` from a projector of gain 1 like this one.
+  double power_for(double distance) const;
+  void set_power(double power) { power_ = power; }
+
+  // An empty picture is black.
+  PictureLight light_of(const Picture& picture) const;
+
+  const Device& device() const { return device_; }
+  int margin() const { return margin_; }
+  int blocks_x() const { return blocks_x_; }
+  int blocks() const { return blocks_x_ * blocks_y_; }
+  // Block of a pixel inside the picture.
+  int block_of(const Eigen::Vector2d& pixel) const;
+
+ private:
+  SimulatedProjector spec_;
+  Device device_;
+  Eigen::Vector3d position_;
+  int block_px_ = 1, blocks_x_ = 1, blocks_y_ = 1, margin_ = 0;
+  double power_ = 1;
+  std::array<std::vector<float>, 3> table_;  // encoded 16 bits -> light
+};
+
+}  // namespace countershade::simdata
