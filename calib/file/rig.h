@@ -110,8 +110,8 @@ struct Simulation {
   double texture = 0;  // amplitude of a smooth albedo variation, fraction
   double ambient = 0;  // radiance of the surround, fraction of reference white
   std::uint64_t seed = 1;
-  int samples = 4096;  // hemisphere samples per receiving point
-  int block_px = 32;   // projector pixels per block of the indirect light
+  int samples = 4096;  // strata per wall that a receiving point looks at
+  int block_px = 16;   // projector pixels per block of the indirect light
   std::vector<SimulatedCamera> cameras;
   std::vector<SimulatedProjector> projectors;
 };

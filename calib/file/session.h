@@ -68,7 +68,8 @@ class Session {
   const Rig& rig() const { return rig_; }
   const Sequence& sequence() const { return sequence_; }
   const std::filesystem::path& folder() const { return folder_; }
-  // Linear photo of frame `index` (pedestal subtracted, response undone, 1 = full scale, several exposures merged).
+  // Linear photo of frame `index`: pedestal subtracted, response undone, 1 = full scale. Several exposures are merged,
+  // in units of full scale at the camera's first listed exposure; valid where one of them is not saturated.
   Result<Photo> photo(const std::string& camera, int index) const;
   std::filesystem::path photo_path(const std::string& camera, int index) const;  // first exposure
 
@@ -78,12 +79,14 @@ class Session {
   Sequence sequence_;
 };
 
-// What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel), simulation.toml where there
-// is one, sequence.json, session.json, photos/. Errors: kBadFile (a model is missing), kIo.
-Result<void> write_session_header(const std::filesystem::path& folder, const Rig& rig, const std::string& simulation_toml,
-                                  const Sequence& sequence);
+// What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel, a projector's
+// to models/<id>.projector.cameramodel where a camera has the same id), simulation.toml where
+// there is one, sequence.json, session.json, photos/. Errors: kBadFile (a model is missing), kIo.
+Result<void> write_session_header(const std::filesystem::path& folder, const Rig& rig,
+                                  const std::string& simulation_toml, const Sequence& sequence);
 
-// The linear photo of one stored file of a camera.
+// The linear photo of one stored file of a camera. Invalid: a channel at 0.995 of full scale or more, or not finite. A
+// float file has no full scale of its own: one that goes beyond 1 is saturated nowhere unless the camera states it.
 Result<Photo> read_photo(const std::filesystem::path& path, const CameraSpec& camera);
 
 }  // namespace countershade

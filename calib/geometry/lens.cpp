@@ -5,7 +5,6 @@ extern "C" {
 }
 
 #include <cmath>
-#include <cstdlib>
 #include <limits>
 
 #include "calib/file/file.h"
@@ -39,6 +38,27 @@ Eigen::Vector2d distort(const double* d, int count, const Eigen::Vector2d& n, Ei
           y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y};
 }
 
+// Inverse of distort: Newton's method from the axis, with steps halved until they help, so that it stays where the
+// distortion does not fold. NaN where no point there is distorted to `wanted`.
+Eigen::Vector2d undistort(const double* d, int count, const Eigen::Vector2d& wanted) {
+  Eigen::Vector2d n(0, 0), residual = -wanted;
+  Eigen::Matrix2d J = Eigen::Matrix2d::Identity();  // on the axis
+  for (int i = 0; i < 60; ++i) {
+    const Eigen::Vector2d step = J.inverse() * residual;
+    if (residual.squaredNorm() < 1e-20) return n - step;  // converges quadratically: now exact to rounding
+    double length = 1;
+    for (; length > 1e-6; length /= 2) {
+      Eigen::Matrix2d slope;
+      const Eigen::Vector2d trial = n - length * step, left = distort(d, count, trial, &slope) - wanted;
+      if (!(slope.determinant() > 0) || !(left.squaredNorm() < residual.squaredNorm())) continue;
+      n = trial, residual = left, J = slope;
+      break;
+    }
+    if (length <= 1e-6) break;
+  }
+  return {kNaN, kNaN};
+}
+
 // Distortion parameters of the models with an own fast path; -1 = by mrcal.
 int own_parameters(const std::string& model) {
   if (model == "LENSMODEL_PINHOLE") return 0;
@@ -55,19 +75,27 @@ Result<Lens> Lens::make(const std::string& model, std::vector<double> intrinsics
   if (!parse_model(model, parsed))
     return error(ErrorCode::kBadValue,
                  "lens model '{}' is not known to mrcal; examples: LENSMODEL_PINHOLE, LENSMODEL_OPENCV5", model);
+  if (!mrcal_lensmodel_metadata(&parsed).has_gradients)
+    return error(ErrorCode::kUnsupported,
+                 "lens model {} gives no ray for a pixel; fit LENSMODEL_CAHVOR or LENSMODEL_OPENCV8 to it "
+                 "(mrcal-convert-lensmodel)",
+                 model);
   const int wanted = mrcal_lensmodel_num_params(&parsed);
   if (wanted != static_cast<int>(intrinsics.size()))
     return error(ErrorCode::kBadValue, "lens model {} has {} parameters, {} are given", model, wanted,
                  intrinsics.size());
   for (double v : intrinsics)
-    if (!std::isfinite(v)) return error(ErrorCode::kBadValue, "lens model {}: a parameter is not finite", model);
+    if (!std::isfinite(v))
+      return error(ErrorCode::kBadValue, "lens model {}: a parameter is {}, must be finite; calibrate again", model, v);
   if (width < 1 || height < 1)
-    return error(ErrorCode::kBadValue, "lens model {}: picture of {} x {} pixels", model, width, height);
+    return error(ErrorCode::kBadValue, "lens model {}: picture of {} x {} pixels, must have at least 1 x 1", model,
+                 width, height);
   if (!(intrinsics[0] > 0) || !(intrinsics[1] > 0))
     return error(ErrorCode::kBadValue, "lens model {}: focal lengths {} and {} must be positive", model, intrinsics[0],
                  intrinsics[1]);
   Lens lens;
   lens.model_ = model;
+  lens.distortions_ = own_parameters(model);
   lens.intrinsics_ = std::move(intrinsics);
   lens.width_ = width;
   lens.height_ = height;
@@ -80,10 +108,9 @@ Lens Lens::pinhole(double focal_px, double cx, double cy, int width, int height)
 
 Eigen::Vector2d Lens::project(const Eigen::Vector3d& x) const {
   if (!(x.z() > 0)) return {kNaN, kNaN};
-  const int count = own_parameters(model_);
-  if (count >= 0) {
+  if (distortions_ >= 0) {
     const Eigen::Vector2d n = x.hnormalized();
-    const Eigen::Vector2d d = count ? distort(intrinsics_.data() + 4, count, n, nullptr) : n;
+    const Eigen::Vector2d d = distortions_ ? distort(intrinsics_.data() + 4, distortions_, n, nullptr) : n;
     return {intrinsics_[0] * d.x() + intrinsics_[2], intrinsics_[1] * d.y() + intrinsics_[3]};
   }
   mrcal_lensmodel_t model;
@@ -95,16 +122,9 @@ Eigen::Vector2d Lens::project(const Eigen::Vector3d& x) const {
 }
 
 Eigen::Vector3d Lens::unproject(const Eigen::Vector2d& q) const {
-  const int count = own_parameters(model_);
-  if (count >= 0) {
+  if (distortions_ >= 0) {
     const Eigen::Vector2d d((q.x() - intrinsics_[2]) / intrinsics_[0], (q.y() - intrinsics_[3]) / intrinsics_[1]);
-    Eigen::Vector2d n = d;
-    for (int i = 0; count && i < 20; ++i) {  // Newton
-      Eigen::Matrix2d J;
-      const Eigen::Vector2d step = distort(intrinsics_.data() + 4, count, n, &J) - d;
-      n -= J.inverse() * step;
-      if (step.squaredNorm() < 1e-28) break;
-    }
+    const Eigen::Vector2d n = distortions_ ? undistort(intrinsics_.data() + 4, distortions_, d) : d;
     return n.homogeneous().normalized();
   }
   mrcal_lensmodel_t model;
@@ -120,7 +140,9 @@ Result<Device> read_cameramodel(const std::filesystem::path& path) {
   mrcal_cameramodel_t* raw =
       text.empty() ? nullptr : mrcal_read_cameramodel_string(text.c_str(), static_cast<int>(text.size()));
   if (!raw)
-    return error(ErrorCode::kBadFile, "'{}' is not a camera model that mrcal can read (FORMAT: .cameramodel)",
+    return error(ErrorCode::kBadFile,
+                 "'{}' is not a camera model that mrcal can read; give a .cameramodel file that "
+                 "mrcal or `countershade lens` has written",
                  path.string());
   char name[512];
   Result<Device> result = error(ErrorCode::kBadFile, "'{}': its lens model has no name", path.string());
@@ -138,26 +160,21 @@ Result<Device> read_cameramodel(const std::filesystem::path& path) {
   return result;
 }
 
+// Our own text: mrcal's C function writes six decimals, too few for rotations and distortions.
 Result<void> write_cameramodel(const std::filesystem::path& path, const Device& device) {
-  mrcal_lensmodel_t model;
-  CS_CHECK(parse_model(device.lens.model(), model), "lens model " + device.lens.model());
-  const std::vector<double>& intrinsics = device.lens.intrinsics();
-  auto* raw = static_cast<mrcal_cameramodel_t*>(
-      std::calloc(1, sizeof(mrcal_cameramodel_t) + intrinsics.size() * sizeof(double)));
   const Eigen::Vector3d r = vector_from_rotation(device.device_from_world.rotation);
-  for (int i = 0; i < 3; ++i)
-    raw->rt_cam_ref[i] = r[i], raw->rt_cam_ref[3 + i] = device.device_from_world.translation[i];
-  raw->imagersize[0] = device.lens.width();
-  raw->imagersize[1] = device.lens.height();
-  raw->lensmodel = model;
-  for (std::size_t i = 0; i < intrinsics.size(); ++i) raw->intrinsics[i] = intrinsics[i];
-  Result<void> written = write_atomically_with(path, [&](const std::filesystem::path& temporary) -> Result<void> {
-    if (!mrcal_write_cameramodel_file(temporary.c_str(), raw))
-      return error(ErrorCode::kIo, "cannot write camera model '{}'", path.string());
-    return {};
-  });
-  std::free(raw);
-  return written;
+  const Eigen::Vector3d& t = device.device_from_world.translation;
+  return write_atomically(
+      path, fmt::format("{{\n"
+                        "    'lensmodel':  '{}',\n"
+                        "    # fx, fy, cx, cy, distortion\n"
+                        "    'intrinsics': [ {} ],\n"
+                        "    # rt_cam_ref: Rodrigues vector, translation\n"
+                        "    'extrinsics': [ {}, {}, {}, {}, {}, {} ],\n"
+                        "    'imagersize': [ {}, {} ]\n"
+                        "}}\n",
+                        device.lens.model(), fmt::join(device.lens.intrinsics(), ", "), r.x(), r.y(), r.z(), t.x(),
+                        t.y(), t.z(), device.lens.width(), device.lens.height()));
 }
 
 }  // namespace countershade

@@ -16,7 +16,8 @@ namespace countershade {
 // Pixels: centre of the first pixel is (0, 0).
 class Lens {
  public:
-  // Errors: kBadValue for an unknown model, a wrong number of parameters, a non-finite one, or an empty picture.
+  // Errors: kBadValue for an unknown model, a wrong number of parameters, a non-finite one, or an empty picture;
+  // kUnsupported for CAHVORE, which mrcal cannot unproject.
   static Result<Lens> make(const std::string& model, std::vector<double> intrinsics, int width, int height);
   static Lens pinhole(double focal_px, double cx, double cy, int width, int height);
 
@@ -30,13 +31,15 @@ class Lens {
 
   // Pixel of a point; (NaN, NaN) for a point that is not in front of the device.
   Eigen::Vector2d project(const Eigen::Vector3d& x_in_device) const;
-  // Unit direction of a pixel, in device coordinates.
+  // Unit direction of a pixel, in device coordinates; NaN for a pixel that no direction near the axis projects to
+  // (beyond the fold of a strongly distorted lens).
   Eigen::Vector3d unproject(const Eigen::Vector2d& q_px) const;
 
  private:
   std::string model_;
   std::vector<double> intrinsics_;
   int width_ = 0, height_ = 0;
+  int distortions_ = 0;  // parameters of a model that we compute ourselves; -1: mrcal does
 };
 
 // A camera or projector that has been placed: lens and pose.
@@ -54,7 +57,8 @@ struct Device {
   Eigen::Vector3d position() const { return device_from_world.inverse().translation; }
 };
 
-// mrcal's .cameramodel (FORMATS 5.6); extrinsics become device_from_world. Errors: kBadFile.
+// mrcal's .cameramodel (FORMATS 5.6); extrinsics become device_from_world. Errors: kBadFile. Numbers are
+// written with all their digits; mrcal itself says on stderr why it cannot read a broken file.
 Result<Device> read_cameramodel(const std::filesystem::path& path);
 Result<void> write_cameramodel(const std::filesystem::path& path, const Device& device);
 

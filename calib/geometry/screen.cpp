@@ -58,9 +58,11 @@ int Patches::surface_of(int patch) const {
 }
 
 int Patches::index(const ChartPoint& c) const {
+  CS_CHECK(c.surface >= 0 && c.surface < surfaces(), "a chart point on no surface");
+  CS_CHECK(std::isfinite(c.u) && std::isfinite(c.v), "a chart point that is not finite");
   const auto [n_u, n_v] = grid_[c.surface];
-  const int iu = std::clamp(static_cast<int>(std::floor(c.u * n_u)), 0, n_u - 1);
-  const int iv = std::clamp(static_cast<int>(std::floor(c.v * n_v)), 0, n_v - 1);
+  const int iu = std::clamp(static_cast<int>(std::clamp(c.u, 0.0, 1.0) * n_u), 0, n_u - 1);
+  const int iv = std::clamp(static_cast<int>(std::clamp(c.v, 0.0, 1.0) * n_v), 0, n_v - 1);
   return index(c.surface, iu, iv);
 }
 

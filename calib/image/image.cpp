@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace countershade {
 
@@ -11,55 +12,129 @@ double NoiseModel::sigma(double value) const {
 
 namespace {
 
+constexpr std::size_t kLeastSamples = 200;   // per bin: its variance is then good to 10 %
+constexpr std::size_t kRowSamples = 500000;  // pixels looked at, over all photos
+
 struct Bin {
   std::vector<float> differences;
-  double mean = 0;
+  double sum = 0;
 };
 
-// Deviations of pixels from the mean of their two horizontal neighbours, by brightness.
-void collect(const Photo& photo, std::vector<Bin>& bins) {
+// Second differences v[x] - (v[x-1] + v[x+1]) / 2 by brightness. The brightness is the mean of all three pixels: it is
+// uncorrelated with the difference, so that sorting by it biases nothing. Bins are uniform in sqrt(brightness), as
+// photon noise is.
+void collect(const Photo& photo, int row_step, std::vector<Bin>& bins) {
   const Image& image = photo.value;
-  const int step = std::max<int>(1, static_cast<int>(image.pixels() / 400000));
-  for (int y = 0; y < image.height(); y += step)
+  const int last = static_cast<int>(bins.size()) - 1;
+  for (int y = 0; y < image.height(); y += row_step)
     for (int x = 1; x + 1 < image.width(); ++x) {
       if (!photo.valid.at(x - 1, y) || !photo.valid.at(x, y) || !photo.valid.at(x + 1, y)) continue;
       for (int c = 0; c < image.channels(); ++c) {
-        const float mean = 0.5f * (image.at(x - 1, y, c) + image.at(x + 1, y, c));
-        const int bin = std::clamp(static_cast<int>(mean * bins.size()), 0, static_cast<int>(bins.size()) - 1);
-        bins[bin].differences.push_back(image.at(x, y, c) - mean);
-        bins[bin].mean += mean;
+        const float sides = image.at(x - 1, y, c) + image.at(x + 1, y, c), middle = image.at(x, y, c);
+        const float mean = (sides + middle) / 3;
+        if (!std::isfinite(mean)) continue;
+        Bin& bin = bins[static_cast<int>(std::sqrt(std::clamp(mean, 0.0f, 1.0f)) * last + 0.5f)];
+        bin.differences.push_back(std::abs(middle - 0.5f * sides));
+        bin.sum += mean;
       }
     }
+}
+
+float quantile(std::vector<float>& values, double q) {
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(q * (values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
+}
+
+// Standard deviation of normal deviates given as absolute values, some of them outliers: from the median, then from
+// what lies within 3 sigma (whose variance is .97334 sigma^2), which is finer where the values are whole steps of the
+// camera. The 95 % quantile starts it where over half of the values are 0.
+double robust_sigma(std::vector<float>& absolute) {
+  double sigma = quantile(absolute, 0.5) / 0.6745;
+  if (sigma == 0) sigma = quantile(absolute, 0.95) / 1.96;
+  for (int i = 0; i < 8; ++i) {
+    double sum = 0;
+    std::size_t count = 0;
+    for (const float d : absolute)
+      if (d <= 3 * sigma) sum += double{d} * d, ++count;
+    sigma = std::sqrt(sum / count / 0.97334);
+  }
+  return sigma;
+}
+
+// What one bin knows.
+struct Level {
+  double mean = 0, variance = 0, count = 0;
+};
+
+// Non-negative line through the variances of the levels with weight; least squares relative to the line `now`.
+NoiseModel refit(const std::vector<Level>& levels, const std::vector<double>& weights, const NoiseModel& now) {
+  double s = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    const double x = levels[i].mean, y = levels[i].variance, sigma = now.sigma(x);
+    const double w = sigma > 0 ? weights[i] / (sigma * sigma * sigma * sigma) : 0;
+    s += w, sx += w * x, sy += w * y, sxx += w * x * x, sxy += w * x * y;
+  }
+  if (s <= 0) return now;
+  const double determinant = s * sxx - sx * sx;
+  double photon = determinant > 1e-9 * s * sxx ? (s * sxy - sx * sy) / determinant : 0;
+  double read2 = (sy - photon * sx) / s;
+  if (photon < 0) photon = 0, read2 = sy / s;
+  if (read2 < 0) read2 = 0, photon = sxx > 0 ? std::max(0.0, sxy / sxx) : 0;
+  return {std::sqrt(read2), photon};
+}
+
+// Square of the relative misfit of a level, at most 1: a level is an outlier where its variance is off by over 30 %.
+double misfit(const Level& level, const NoiseModel& line) {
+  const double sigma = line.sigma(level.mean), predicted = sigma * sigma;
+  if (predicted <= 0) return level.variance > 0 ? 1 : 0;
+  const double r = (level.variance / predicted - 1) / 0.3;
+  return std::min(1.0, r * r);
+}
+
+// The line that most pixels agree with: of the lines through two levels (or one), the one with the least truncated
+// misfit, then refined on the levels that it explains. Levels between a pattern's bright and dark hold its edges, whose
+// variance is far too high; there are few such pixels.
+NoiseModel consensus(const std::vector<Level>& levels) {
+  NoiseModel best;
+  double least = HUGE_VAL;
+  for (std::size_t i = 0; i < levels.size(); ++i)
+    for (std::size_t j = i; j < levels.size(); ++j) {
+      std::vector<double> weights(levels.size(), 0.0);
+      weights[i] = weights[j] = 1;
+      const NoiseModel line = refit(levels, weights, {1, 0});
+      double total = 0;
+      for (const Level& level : levels) total += level.count * misfit(level, line);
+      if (total < least) least = total, best = line;
+    }
+  for (int pass = 0; pass < 3; ++pass) {
+    std::vector<double> weights;
+    for (const Level& level : levels) weights.push_back(misfit(level, best) < 1 ? level.count : 0);
+    best = refit(levels, weights, best);
+  }
+  return best;
 }
 
 }  // namespace
 
 NoiseModel estimate_noise(std::span<const Photo> photos) {
+  std::size_t pixels = 0;
+  for (const Photo& photo : photos) pixels += photo.value.pixels();
   std::vector<Bin> bins(48);
-  for (const Photo& photo : photos) collect(photo, bins);
-  // variance = read^2 + photon mean, weighted by how well each bin knows its variance; both non-negative.
-  double s = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
+  for (const Photo& photo : photos) collect(photo, static_cast<int>(1 + pixels / kRowSamples), bins);
+  std::vector<Level> levels;
   for (Bin& bin : bins) {
-    if (bin.differences.size() < 200) continue;
-    const double mean = bin.mean / bin.differences.size();
-    for (float& d : bin.differences) d = std::abs(d);
-    const auto middle = bin.differences.begin() + bin.differences.size() / 2;
-    std::nth_element(bin.differences.begin(), middle, bin.differences.end());
-    const double sigma = *middle / 0.6745 / std::sqrt(1.5);
-    const double variance = sigma * sigma, weight = bin.differences.size() / std::max(1e-18, variance * variance);
-    s += weight, sx += weight * mean, sy += weight * variance, sxx += weight * mean * mean,
-        sxy += weight * mean * variance;
+    const auto count = static_cast<double>(bin.differences.size());
+    if (bin.differences.size() < kLeastSamples) continue;
+    const double sigma = robust_sigma(bin.differences);
+    levels.push_back({bin.sum / count, sigma * sigma / 1.5, count});
   }
-  if (s <= 0) return {1e-3, 0};
-  const double determinant = s * sxx - sx * sx;
-  double photon = determinant > 1e-12 * s * sxx ? (s * sxy - sx * sy) / determinant : 0;
-  double read2 = (sy - photon * sx) / s;
-  if (photon < 0) photon = 0, read2 = sy / s;
-  if (read2 < 0) read2 = 0, photon = sxx > 0 ? sxy / sxx : 0;
-  return {std::sqrt(read2), photon};
+  if (levels.empty()) return {1e-3, 0};
+  return consensus(levels);
 }
 
 float sample_bilinear(const Image& image, double x, double y, int c) {
+  if (std::isnan(x) || std::isnan(y)) return std::numeric_limits<float>::quiet_NaN();
   x = std::clamp(x, 0.0, image.width() - 1.0);
   y = std::clamp(y, 0.0, image.height() - 1.0);
   const int x0 = std::min(static_cast<int>(x), image.width() - 1),

@@ -56,10 +56,11 @@ struct NoiseModel {
 };
 
 // Noise of photos of one camera, from the differences of neighbouring pixels (robust against edges): median absolute
-// second difference per brightness bin, then a line through variance against mean. Photos as in Photo.
+// second difference per brightness bin, then the line through variance against mean that most pixels agree with.
+// Photos as in Photo; valid has one channel. {1e-3, 0} where no bin has enough valid pixels.
 NoiseModel estimate_noise(std::span<const Photo> photos);
 
-// Value of channel c at (x, y) between pixel centres, bilinear, clamped at the border.
+// Value of channel c at (x, y) between pixel centres, bilinear, clamped at the border; NaN for a NaN.
 float sample_bilinear(const Image& image, double x, double y, int c);
 
 // Mean of squares of factor x factor pixels; a last partial row or column is dropped.

@@ -8,12 +8,15 @@
 #include <OpenEXR/ImfOutputFile.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <fstream>
+#include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "calib/file/file.h"
+#include "calib/file/photo_probe.h"
 
 namespace countershade {
 
@@ -25,13 +28,33 @@ Error unreadable(const fs::path& path, const std::string& why) {
   return error(ErrorCode::kBadFile, "'{}' {}; restore or retake the file", path.string(), why);
 }
 
-// OpenCV fills what a truncated PNG lacks with black; its last chunk tells.
-bool png_is_whole(const fs::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  stream.seekg(-8, std::ios::end);
-  char tail[8] = {};
-  stream.read(tail, 8);
-  return stream && std::string_view(tail, 4) == "IEND";
+// Lower case, with the dot.
+std::string extension(const fs::path& path) {
+  std::string text = path.extension().string();
+  std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+  return text;
+}
+
+// Libraries fill what a truncated JPEG lacks with grey; its end marker tells (a few bytes may follow it).
+bool jpeg_is_whole(const fs::path& path) {
+  std::ifstream stream(path, std::ios::binary | std::ios::ate);
+  const std::streamoff size = stream.tellg(), length = std::min<std::streamoff>(size, 64);
+  std::string tail(static_cast<std::size_t>(std::max<std::streamoff>(0, length)), '\0');
+  stream.seekg(size - length);
+  stream.read(tail.data(), length);
+  return stream && tail.find("\xff\xd9") != std::string::npos;
+}
+
+// What OpenCV makes of a file; empty where it can make nothing of it. A library does not print: OpenCV's log is off.
+cv::Mat decode_quietly(const fs::path& path) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  try {
+    cv::Mat image = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
+    if (image.channels() == 4) cv::cvtColor(image, image, cv::COLOR_BGRA2BGR);
+    return image;
+  } catch (const cv::Exception&) {
+    return {};
+  }
 }
 
 Result<StoredImage> read_exr_image(const fs::path& path) {
@@ -71,9 +94,15 @@ Result<void> write_with_opencv(const fs::path& path, const cv::Mat& image, const
   });
 }
 
+// Nearest whole number from 0 to maximum; 0 for a NaN.
+template <class T>
+T rounded(float value, float maximum) {
+  return static_cast<T>(std::nearbyint(value > 0 ? std::min(value, maximum) : 0.0f));
+}
+
 // RGB floats, rounded and clamped, as an OpenCV picture (BGR).
 template <class T>
-cv::Mat to_opencv(const Image& values, int type1, int type3, double maximum) {
+cv::Mat to_opencv(const Image& values, int type1, int type3, float maximum) {
   CS_CHECK(values.channels() == 1 || values.channels() == 3, "1 or 3 channels");
   const int channels = values.channels();
   cv::Mat out(values.height(), values.width(), channels == 1 ? type1 : type3);
@@ -82,8 +111,7 @@ cv::Mat to_opencv(const Image& values, int type1, int type3, double maximum) {
     const float* from = values.row(y);
     for (int x = 0; x < values.width(); ++x)
       for (int c = 0; c < channels; ++c)
-        row[x * channels + c] = static_cast<T>(
-            std::clamp<double>(std::nearbyint(from[x * channels + (channels == 1 ? 0 : 2 - c)]), 0, maximum));
+        row[x * channels + c] = rounded<T>(from[x * channels + (channels == 1 ? 0 : 2 - c)], maximum);
   }
   return out;
 }
@@ -92,16 +120,12 @@ cv::Mat to_opencv(const Image& values, int type1, int type3, double maximum) {
 
 Result<StoredImage> read_image(const fs::path& path) {
   if (!fs::is_regular_file(path)) return unreadable(path, "is missing");
-  if (path.extension() == ".exr") return read_exr_image(path);
-  if (path.extension() == ".png" && !png_is_whole(path))
-    return unreadable(path, "is truncated (no IEND chunk at its end)");
-  cv::Mat image;
-  try {
-    image = cv::imread(path.string(), cv::IMREAD_UNCHANGED);
-  } catch (const cv::Exception&) {
-  }
+  const std::string type = extension(path);
+  if (type == ".exr") return read_exr_image(path);
+  if (const auto probe = probe_photo(path); !probe) return probe.error();
+  if ((type == ".jpg" || type == ".jpeg") && !jpeg_is_whole(path)) return unreadable(path, "is truncated");
+  const cv::Mat image = decode_quietly(path);
   if (image.empty()) return unreadable(path, "is truncated or not an image");
-  if (image.channels() == 4) cv::cvtColor(image, image, cv::COLOR_BGRA2BGR);
   if (image.channels() != 1 && image.channels() != 3)
     return unreadable(path, fmt::format("has {} channels, expected 1 or 3", image.channels()));
   StoredImage stored;
@@ -149,11 +173,13 @@ Result<void> write_picture(const fs::path& path, const Picture& picture, int bit
 }
 
 Result<void> write_stored16(const fs::path& path, const Image& values) {
-  std::vector<int> parameters;
-  if (path.extension() == ".png")
+  std::vector<int> parameters = {cv::IMWRITE_TIFF_COMPRESSION, 1};  // none
+  const std::string type = extension(path);
+  if (type == ".png")
     parameters = {cv::IMWRITE_PNG_COMPRESSION, 1};
-  else
-    parameters = {cv::IMWRITE_TIFF_COMPRESSION, 1};  // none
+  else if (type != ".tif" && type != ".tiff")
+    return error(ErrorCode::kBadValue, "cannot write '{}' with 16 bits: its name must end in .png or .tif",
+                 path.string());
   return write_with_opencv(path, to_opencv<std::uint16_t>(values, CV_16UC1, CV_16UC3, 65535), parameters);
 }
 
@@ -202,8 +228,8 @@ Result<std::vector<Image>> read_exr(const fs::path& path, const std::vector<std:
       images.emplace_back(width, height, 1);
     }
     for (std::size_t i = 0; i < names.size(); ++i) {
-      char* base = reinterpret_cast<char*>(images[i].data().data()) -
-                   sizeof(float) * (window.min.x + static_cast<std::ptrdiff_t>(window.min.y) * width);
+      char* base = reinterpret_cast<char*>(images[i].data().data() - window.min.x -
+                                           static_cast<std::ptrdiff_t>(window.min.y) * width);
       buffer.insert(names[i], Imf::Slice(Imf::FLOAT, base, sizeof(float), sizeof(float) * width));
     }
     file.setFrameBuffer(buffer);

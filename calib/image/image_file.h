@@ -29,7 +29,7 @@ Result<Picture> read_picture(const std::filesystem::path& path);
 Result<void> write_picture(const std::filesystem::path& path, const Picture& picture, int bits);
 
 // 16-bit file of stored numbers (rounded, clamped to 0..65535), 1 or 3 channels. The format follows the extension:
-// .png (fast compression) or .tif (uncompressed).
+// .png (fast compression) or .tif (uncompressed); kBadValue for another.
 Result<void> write_stored16(const std::filesystem::path& path, const Image& values);
 
 // 8-bit RGB or grey PNG for looking at; values 0..255 are rounded and clamped.

@@ -43,6 +43,7 @@ double Response::encode(double linear) const {
 }
 
 std::vector<float> Response::decode_table(int size) const {
+  CS_CHECK(size >= 2, "a table has both ends");
   std::vector<float> table(size);
   for (int i = 0; i < size; ++i) table[i] = static_cast<float>(decode(static_cast<double>(i) / (size - 1)));
   return table;

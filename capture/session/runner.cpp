@@ -431,12 +431,11 @@ Result<void> Capture::take_frame(int f) {
       return {};
     }
     if (attempt >= options_.retakes)
-      return error(
-          ErrorCode::kDevice,
-          "{}: {}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
-          "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
-          "stored is kept, and the same command resumes",
-          frame_name(f), *why, attempt + 1, options_.retakes + 1);
+      return error(ErrorCode::kDevice,
+                   "{}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
+                   "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
+                   "stored is kept, and the same command resumes",
+                   *why, attempt + 1, options_.retakes + 1);
     progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), *why));
     if (attempt > 0 && wrong_pair(f, now)) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
   }
@@ -450,7 +449,11 @@ Result<void> Capture::take_missing() {
   CS_TRY_VOID(start());
   for (int f = 0; f < frames(); ++f) {
     if (complete(f)) continue;
-    CS_TRY_VOID(take_frame(f));
+    if (const auto taken = take_frame(f); !taken) {
+      Error failure = taken.error();
+      if (failure.code == ErrorCode::kDevice) failure.message = fmt::format("{}: {}", frame_name(f), failure.message);
+      return failure;
+    }
     progress_.step("capture", ++done, frames());
   }
   return {};

@@ -32,7 +32,13 @@ struct Scene::Embree {
   }
 };
 
-Scene::Scene(Screen screen, std::unique_ptr<Embree> embree) : screen_(std::move(screen)), embree_(std::move(embree)) {}
+Scene::Scene(Screen screen, std::unique_ptr<Embree> embree) : screen_(std::move(screen)), embree_(std::move(embree)) {
+  before_.assign(screen_.size(), std::vector<char>(screen_.size(), 1));
+  for (int a = 0; a < screen_.size(); ++a)
+    for (int b = 0; b < screen_.size(); ++b)
+      for (const auto& [u, v] : {std::pair{0, 0}, {1, 0}, {1, 1}, {0, 1}})
+        if ((plane(a).point(u, v) - plane(b).origin()).dot(plane(b).normal(0, 0)) < -1e-9) before_[a][b] = 0;
+}
 Scene::~Scene() = default;
 
 Result<std::shared_ptr<const Scene>> Scene::make(const Screen& screen) {
@@ -82,10 +88,14 @@ SceneHit Scene::hit(int own, const Eigen::Vector3d& from, const Eigen::Vector3d&
   return {{surface, query.hit.u, query.hit.v}, direction.dot(plane(surface).normal(0, 0)) < 0};
 }
 
-bool Scene::visible(int own, const Eigen::Vector3d& from, const Eigen::Vector3d& to) const {
+bool Scene::visible(int own, const Eigen::Vector3d& from, const Eigen::Vector3d& to, int other) const {
+  bool clear = true;  // both ends before a plane: it cannot stand between them
+  for (int s = 0; s < screen_.size(); ++s)
+    clear &= s == own || s == other || (before_[own][s] && (to - plane(s).origin()).dot(plane(s).normal(0, 0)) > 0);
+  if (clear) return true;
   RTCRay ray{};
   start(ray, from, plane(own).normal(0, 0), to - from);
-  ray.tfar = 1;
+  ray.tfar = other < 0 ? 1.0f : 1 - 1e-5f;
   RTCIntersectContext context;
   rtcInitIntersectContext(&context);
   rtcOccluded1(embree_->scene, &context, &ray);

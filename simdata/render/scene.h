@@ -24,14 +24,15 @@ class Scene {
   const PlaneSurface& plane(int surface) const { return static_cast<const PlaneSurface&>(*screen_.surfaces[surface]); }
   // `from` lies on the lit side of surface `own`, whose normal keeps the ray from meeting it again.
   SceneHit hit(int own, const Eigen::Vector3d& from, const Eigen::Vector3d& direction) const;
-  // Whether nothing stands between a point of surface `own` and a point in the room.
-  bool visible(int own, const Eigen::Vector3d& from, const Eigen::Vector3d& to) const;
+  // Whether nothing stands between a point of surface `own` and a point in the room, or on surface `other`.
+  bool visible(int own, const Eigen::Vector3d& from, const Eigen::Vector3d& to, int other = -1) const;
 
  private:
   struct Embree;
   Scene(Screen screen, std::unique_ptr<Embree> embree);
   Screen screen_;
   std::unique_ptr<Embree> embree_;
+  std::vector<std::vector<char>> before_;  // [a][b]: all of wall a lies before the plane of wall b
 };
 
 // Direction of the cosine-weighted hemisphere about `normal` for (a, b) in the unit square, tangent along `tangent`.

@@ -1,4 +1,4 @@
-// Photographs of a room that never was. Primary hits and direct light exact per pixel; indirect light path-traced with
+// Photographs of a room that never was. Primary hits and direct light exact per pixel; indirect light by ray casting with
 // any number of bounces, once per block of projector pixels, and reused for every pattern, since a photo is linear in it.
 #pragma once
 
@@ -21,29 +21,36 @@ struct TrueLight {
 
 // Truth beside the photos, per camera pixel centre.
 struct TrueGeometry {
-  Image depth;                   // distance along the ray [m], NaN where nothing is hit
-  Image normal;                  // (height, width, 3), world
-  Image surface, u, v;           // chart point, surface -1 where nothing is hit
+  Image depth;          // distance along the ray [m], NaN where nothing is hit
+  Image normal;         // (height, width, 3), world
+  Image surface, u, v;  // chart point, surface -1 where nothing is hit
   std::vector<Image> projector_x, projector_y;  // per projector, NaN where it does not light the point
 };
 
 class Simulator {
  public:
-  // Traces everything that does not depend on a pattern. Errors: kBadValue for impossible rooms.
+  // Traces everything that does not depend on a pattern. Cameras and projectors are the simulated ones of the rig, in
+  // its order. Errors: kBadValue for impossible rooms.
   static Result<std::shared_ptr<Simulator>> make(const Rig& rig, const Simulation& simulation, Progress& progress);
   ~Simulator();
 
   const Rig& rig() const;
   const Simulation& simulation() const;
   const Screen& screen() const;
+  // Full-scale units per radiosity 1 (reference irradiance, albedo 1) of a camera at the middle of its picture.
+  double scale(int camera) const;
   TrueGeometry geometry(int camera) const;
   // pictures[q]: what projector q of the rig is sent; empty = black.
   TrueLight light(int camera, std::span<const Picture> pictures) const;
-  // One exposure of the sum: PSF, photon and read noise, quantisation. `draw` numbers the noise.
+  // What the lens makes of light: the camera's point spread function.
+  Image optics(int camera, const Image& light) const;
+  // One exposure of light after optics(): photon and read noise, quantisation. `draw` numbers the noise.
   capture::Exposure expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const;
   // Full path tracing of the indirect light at given camera pixels (the check of the shortcut), `paths` per pixel:
   // mean and standard error, (pixels, channels).
-  struct Traced { std::vector<double> mean, standard_error; };
+  struct Traced {
+    std::vector<double> mean, standard_error;
+  };
   Traced trace_indirect(int camera, std::span<const Picture> pictures, std::span<const Eigen::Vector2d> pixels,
                         int paths) const;
 
@@ -53,7 +60,10 @@ class Simulator {
   std::unique_ptr<State> state_;
 };
 
-// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency.
+// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency: a camera's first
+// latency_frames photos after show() see that projector's former picture. The noise of a photo depends on the seed, the
+// camera, the pictures shown and the number of photos since the last show(), so a session that was interrupted and
+// resumed between frames has the same bytes as one that was not.
 capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator);
 
 }  // namespace countershade::simdata

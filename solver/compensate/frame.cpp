@@ -214,7 +214,7 @@ Radiosity Compensator::receiver_indirect(const PatchTarget& target, const Compen
   check_options(options);
   const Parts& parts = *parts_;
   const float white = static_cast<float>(parts.model.white);
-  const Radiosity nothing = Radiosity::Zero(parts.receivers.rows(), 3);
+  Radiosity nothing = Radiosity::Zero(parts.receivers.rows(), 3);
   report = {};
   if (options.solver == SolverChoice::kCopy || target.target.rows() == 0) return nothing;
   const Radiosity indirect = parts.patches(target.target);

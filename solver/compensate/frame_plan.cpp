@@ -151,7 +151,7 @@ float EncodeTable::operator()(float fraction) const {
 
 Eigen::Vector2f lighting_pixel(const ProjectorModel& projector, const Eigen::Vector3d& projector_position,
                                const Screen& screen, const ChartPoint& point) {
-  const Eigen::Vector2f nowhere(kNowhere, kNowhere);
+  Eigen::Vector2f nowhere(kNowhere, kNowhere);
   const Eigen::Vector3d x = screen.point(point);
   if (!(screen.normal(point).dot(projector_position - x) > 0)) return nowhere;
   const Eigen::Vector2d q = projector.device.project(x);

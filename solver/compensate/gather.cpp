@@ -16,11 +16,11 @@ struct Sums {
 // Adds columns [0, count) of a panel, weighted by x (3 values per column).
 void add_columns(const float* panel, const float* x, int count, Sums& sums) {
   Lane r = sums.r, g = sums.g, b = sums.b;
-  for (int j = 0; j < count; ++j) {
-    const Eigen::Map<const Lane> column(panel + static_cast<std::size_t>(j) * kPanelRows);
-    r += column * x[3 * j];
-    g += column * x[3 * j + 1];
-    b += column * x[3 * j + 2];
+  for (int j = 0; j < count; ++j, panel += kPanelRows, x += 3) {
+    const Eigen::Map<const Lane> column(panel);
+    r += column * x[0];
+    g += column * x[1];
+    b += column * x[2];
   }
   sums = {r, g, b};
 }

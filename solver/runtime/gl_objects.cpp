@@ -103,6 +103,25 @@ void Texture::bind_image(unsigned unit) const {
   glBindImageTexture(unit, id(), 0, GL_FALSE, 0, GL_WRITE_ONLY, GL_RGBA16);
 }
 
+Result<BufferTexture> BufferTexture::make(std::string_view what, const Buffer& buffer, std::size_t texels) {
+  int limit = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &limit);
+  if (texels > static_cast<std::size_t>(limit))
+    return error(ErrorCode::kDevice, "{} have {} cells and this GL driver allows {}: use the CPU or fewer patches",
+                 what, texels, limit);
+  unsigned id = 0;
+  glGenTextures(1, &id);
+  BufferTexture texture(id);
+  glBindTexture(GL_TEXTURE_BUFFER, id);
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_RGBA32F, buffer.id());
+  return texture;
+}
+
+void BufferTexture::bind_texture(unsigned unit) const {
+  glActiveTexture(GL_TEXTURE0 + unit);
+  glBindTexture(GL_TEXTURE_BUFFER, id());
+}
+
 namespace {
 
 std::string log_of(const ShaderText& shader, std::string log) {
@@ -164,7 +183,7 @@ std::size_t largest_storage_block() {
 }
 
 void storage_barrier() {
-  glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+  glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_TEXTURE_FETCH_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
 }
 
 std::string gl_description() {

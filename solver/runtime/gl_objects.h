@@ -65,6 +65,18 @@ class Texture : public GlName<delete_texture> {
   explicit Texture(unsigned id) : GlName(id) {}
 };
 
+// A buffer of vec4 seen as a texture: cheaper to fetch whole cells from than a storage block.
+class BufferTexture : public GlName<delete_texture> {
+ public:
+  BufferTexture() = default;
+  // Keeps a reference to the buffer's store. Errors: kDevice beyond the driver's limit of texels.
+  static Result<BufferTexture> make(std::string_view what, const Buffer& buffer, std::size_t texels);
+  void bind_texture(unsigned unit) const;
+
+ private:
+  explicit BufferTexture(unsigned id) : GlName(id) {}
+};
+
 class Program : public GlName<delete_program> {
  public:
   Program() = default;

@@ -7,7 +7,7 @@
 namespace countershade::solver {
 namespace {
 
-constexpr int kGroupRows = 32;  // of gather.comp
+constexpr int kGroupRows = 128;  // of a workgroup of gather.comp
 
 // Rows [row, row + rows) of F as gather.comp reads them, times scale: words of one pair of columns side by side.
 template <class Word, class Pack>

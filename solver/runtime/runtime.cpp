@@ -84,6 +84,7 @@ class GlRuntime final : public Runtime {
   Upload upload_;
   GlMatrix F_, G_;
   Buffer target_, work_[2], indirect_, state_;
+  BufferTexture indirect_texture_;
 };
 
 Result<std::unique_ptr<Runtime>> GlRuntime::make(const Model& model, const CompensateOptions& options,
@@ -122,6 +123,7 @@ Result<void> GlRuntime::make_work_buffers() {
   CS_TRY(work_[0], Buffer::make("the solution", bytes, zeros.data()));
   CS_TRY(work_[1], Buffer::make("the solution", bytes, zeros.data()));
   CS_TRY(indirect_, Buffer::make("the receivers", 16 * static_cast<std::size_t>(receivers_), zeros.data()));
+  CS_TRY(indirect_texture_, BufferTexture::make("the receivers", indirect_, static_cast<std::size_t>(receivers_)));
   CS_TRY(state_, Buffer::make("the state", 4 * (kStateWords + static_cast<std::size_t>(gathers_)), nullptr));
   state_.clear();
   return {};
@@ -142,7 +144,7 @@ Result<void> GlRuntime::render(std::span<const Picture> pictures) {
   upload_.reduced.bind_storage(2);
   for (int q = 0; q < static_cast<int>(sizes_.size()); ++q) {
     programs_.reduce.set(0, q);
-    if (0) programs_.reduce.dispatch(groups(groups(sizes_[q][0], kLightReduction), 8),
+    programs_.reduce.dispatch(groups(groups(sizes_[q][0], kLightReduction), 8),
                               groups(groups(sizes_[q][1], kLightReduction), 8));
   }
   storage_barrier();
@@ -185,8 +187,8 @@ void GlRuntime::solve() {
 void GlRuntime::show_pixels() {
   upload_.pictures.bind_storage(0);
   upload_.tables.bind_storage(1);
-  upload_.charts.bind_storage(2);
-  indirect_.bind_storage(3);
+  upload_.chart_texture.bind_texture(0);
+  indirect_texture_.bind_texture(1);
   state_.bind_storage(7);
   for (int q = 0; q < static_cast<int>(sizes_.size()); ++q) {
     const ProjectorUpload& p = upload_.projectors[q];

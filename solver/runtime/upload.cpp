@@ -118,6 +118,7 @@ Result<Upload> Upload::make(const Model& model, const FramePlan& plan) {
   CS_TRY(upload.block, Buffer::make("a uniform block", sizeof(arrays.block), &arrays.block));
   CS_TRY(upload.tables, Buffer::of("the responses", arrays.tables));
   CS_TRY(upload.charts, Buffer::of("the gain charts", arrays.charts));
+  CS_TRY(upload.chart_texture, BufferTexture::make("the gain charts", upload.charts, arrays.charts.size()));
   CS_TRY(upload.samples, Buffer::of("the sample points of the patches", arrays.samples));
   CS_TRY(upload.reduced, Buffer::make("the reduced pictures", 16 * arrays.reduced_cells, nullptr));
   CS_TRY(upload.ambient, Buffer::of("the ambient light", as_vec4(model.e)));

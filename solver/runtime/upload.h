@@ -24,8 +24,9 @@ struct Upload {
   Buffer pictures;  // 16-bit values, projector after projector
   Buffer tables;    // light and encode tables, projector after projector
   Buffer charts;    // gain charts, projector after projector
-  Buffer samples;   // sample points of the patches
-  Buffer reduced;   // reduced light
+  BufferTexture chart_texture;
+  Buffer samples;  // sample points of the patches
+  Buffer reduced;  // reduced light
   Buffer ambient, low, high;
   std::vector<ProjectorUpload> projectors;
   std::vector<std::size_t> picture_start;  // in 16-bit values

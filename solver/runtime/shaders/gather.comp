@@ -31,7 +31,8 @@ layout(location = 9) uniform int iteration;     // of mode 3
 layout(location = 10) uniform float tolerance;  // the former step moved no further: done, x is the solution
 layout(location = 11) uniform float invisible;  // indirect light below this needs no solution
 
-shared vec3 partial[8][32];
+const int kRows = 4;  // of every thread, so that x is fetched once for all of them
+shared vec3 partial[8][32 * kRows];
 
 int stored_column(int n) { return min(n < skip ? n : n + skipped, columns - 1); }
 
@@ -52,26 +53,36 @@ vec3 clipped_step(int row, vec3 indirect) {
   return shown;
 }
 
-void main() {
-  int lane = int(gl_LocalInvocationID.x), slice = int(gl_LocalInvocationID.y);
-  int local = int(gl_WorkGroupID.x) * 32 + lane;
-  int row = first_row + local;
-  if (done()) {
-    if (slice == 0 && local < rows) result[row] = x[row];
-    return;
-  }
-  vec3 sum = vec3(0);
-  for (int pair = slice; pair < pairs; pair += 8) {
-    vec2 f = columns_at(pair * stride + local);
-    sum += f.x * x[stored_column(2 * pair)].rgb + f.y * x[stored_column(2 * pair + 1)].rgb;
-  }
-  partial[slice][lane] = sum;
-  barrier();
-  if (slice != 0 || local >= rows) return;
-  for (int n = 1; n < 8; ++n) sum += partial[n][lane];
+void finish(int row, vec3 sum) {
   vec3 indirect = sum * unscale * gain[row].rgb;
   if (mode == 0) result[row] = vec4(indirect, 0);
   if (mode == 1) result[row] = base[row] + vec4(indirect, 0);
   if (mode == 2) result[row] = base[row] - vec4(indirect, 0);
   if (mode == 3) result[row] = vec4(clipped_step(row, indirect), 0);
+}
+
+void main() {
+  int lane = int(gl_LocalInvocationID.x), slice = int(gl_LocalInvocationID.y);
+  int local = int(gl_WorkGroupID.x) * 32 * kRows + lane;
+  // The rows of a workgroup are shared among its slices again when the sums are finished.
+  int own = int(gl_WorkGroupID.x) * 32 * kRows + slice * 32 + lane;
+  if (done()) {
+    if (slice < kRows && own < rows) result[first_row + own] = x[first_row + own];
+    return;
+  }
+  vec3 sum[kRows];
+  for (int r = 0; r < kRows; ++r) sum[r] = vec3(0);
+  for (int pair = slice; pair < pairs; pair += 8) {
+    vec3 a = x[stored_column(2 * pair)].rgb, b = x[stored_column(2 * pair + 1)].rgb;
+    for (int r = 0; r < kRows; ++r) {
+      vec2 f = columns_at(pair * stride + local + 32 * r);
+      sum[r] += f.x * a + f.y * b;
+    }
+  }
+  for (int r = 0; r < kRows; ++r) partial[slice][32 * r + lane] = sum[r];
+  barrier();
+  if (slice >= kRows || own >= rows) return;
+  vec3 total = vec3(0);
+  for (int n = 0; n < 8; ++n) total += partial[n][32 * slice + lane];
+  finish(first_row + own, total);
 }

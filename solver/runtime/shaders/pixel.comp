@@ -6,8 +6,8 @@
 #include "taps.glsl"
 layout(local_size_x = 8, local_size_y = 8) in;
 layout(rgba16, binding = 0) writeonly uniform image2D shown;
-layout(std430, binding = 2) readonly buffer Charts { vec4 chart_gain[]; };
-layout(std430, binding = 3) readonly buffer Receivers { vec4 indirect[]; };
+layout(binding = 0) uniform samplerBuffer chart_gain;
+layout(binding = 1) uniform samplerBuffer indirect;  // at the receivers
 layout(std430, binding = 4) readonly buffer Map { float map[]; };         // u, v, surface (-1 = none) per pixel
 layout(std430, binding = 5) readonly buffer OverlapMap { vec2 other_pixel[]; };
 struct Overlap {
@@ -29,7 +29,7 @@ vec3 gain_at(int q, int surface, vec2 uv) {
   vec4 w;
   taps(uv * vec2(chart.xy) - .5, chart.xy, i, w);
   i += projectors[q].gain.x + chart.z;
-  return w.x * chart_gain[i.x].rgb + w.y * chart_gain[i.y].rgb + w.z * chart_gain[i.z].rgb + w.w * chart_gain[i.w].rgb;
+  return w.x * texelFetch(chart_gain, i.x).rgb + w.y * texelFetch(chart_gain, i.y).rgb + w.z * texelFetch(chart_gain, i.z).rgb + w.w * texelFetch(chart_gain, i.w).rgb;
 }
 
 vec3 indirect_at(int surface, vec2 uv) {
@@ -38,7 +38,7 @@ vec3 indirect_at(int surface, vec2 uv) {
   vec4 w;
   taps(uv * vec2(chart.xy) - .5, chart.xy, i, w);
   i += chart.z;
-  return w.x * indirect[i.x].rgb + w.y * indirect[i.y].rgb + w.z * indirect[i.z].rgb + w.w * indirect[i.w].rgb;
+  return w.x * texelFetch(indirect, i.x).rgb + w.y * texelFetch(indirect, i.y).rgb + w.z * texelFetch(indirect, i.z).rgb + w.w * texelFetch(indirect, i.w).rgb;
 }
 
 vec3 others_at(ivec2 pixel, int surface, vec2 uv) {

@@ -103,6 +103,13 @@ TEST(ClippedSolution, ShowsExactlyWhatDoesNotClipAndStaysInRange) {
   EXPECT_LT(clipped, shown.size() * 4 / 5);
 }
 
+TEST(ClippedSolution, ShowsWhiteWhereMoreIsAskedFor) {
+  ClippedCase c;
+  c.target.row(3) = c.high.row(3) * 2;
+  const Clipped solution = clipped_direct_for(c.model, c.target, c.low, c.high, 1e-7f, 200);
+  EXPECT_EQ(solution.direct.row(3), c.high.row(3));
+}
+
 TEST(ClippedSolution, IsNeverWorseThanThePlainShow) {
   const ClippedCase c;
   const Radiosity plain = forward(c.model, c.target);

@@ -1,0 +1,187 @@
+#include "calib/file/rig_fields.h"
+
+namespace countershade::fields {
+
+namespace {
+
+Rule any() {
+  return {};
+}
+
+Rule between(double low, double high) {
+  Rule rule;
+  rule.low = low;
+  rule.high = high;
+  return rule;
+}
+
+Rule at_least(double low) {
+  return between(low, std::numeric_limits<double>::infinity());
+}
+
+Rule more_than(double low, double high = std::numeric_limits<double>::infinity()) {
+  Rule rule = between(low, high);
+  rule.low_is_open = true;
+  return rule;
+}
+
+Rule one_of(std::vector<double> allowed) {
+  Rule rule;
+  rule.allowed = std::move(allowed);
+  return rule;
+}
+
+Rule text(std::vector<std::string> ready, std::vector<std::string> later = {}) {
+  Rule rule;
+  rule.ready = std::move(ready);
+  rule.later = std::move(later);
+  return rule;
+}
+
+Rule response() {
+  Rule rule;
+  rule.text = Rule::Text::kResponse;
+  return rule;
+}
+
+Rule id() {
+  Rule rule;
+  rule.text = Rule::Text::kId;
+  rule.mandatory = true;
+  return rule;
+}
+
+Rule mandatory(Rule rule) {
+  rule.mandatory = true;
+  return rule;
+}
+
+// Bounds that only catch slips of the pen: places within a kilometre, pictures that a device can have.
+const double kFar = 1000, kMostPixels = 32768;
+
+}  // namespace
+
+Fields fields_of(CameraSpec& c) {
+  return {
+      {"id", &c.id, id(), "name; its photos are stored under it"},
+      {"backend", &c.backend, text({"folder", "simulated"}, {"aravis", "v4l2", "libcamera"}),
+       "who takes the photos: folder | simulated"},
+      {"device", &c.device, any(), "what the backend opens, a folder's path", "nothing", "\"photos\""},
+      {"model", &c.model, any(), "its lens, an mrcal .cameramodel, path relative to this file", "not known",
+       "\"camera.cameramodel\""},
+      {"pose", &c.pose, text({"unknown"}, {"known"}), "unknown | known: the model's extrinsics count"},
+      {"exposures_ms", &c.exposures_ms, more_than(0, 1e6), "[ms], several are merged", "the device's own",
+       "[8.0, 32.0]"},
+      {"response", &c.response, response(), "stored value to light: linear | srgb | gamma:2.2"},
+      {"pedestal", &c.pedestal, at_least(0), "stored value of no light"},
+      {"full_scale", &c.full_scale, more_than(0), "stored value of saturation", "the file type's maximum", "65520.0"},
+  };
+}
+
+Fields fields_of(ProjectorSpec& p) {
+  return {
+      {"id", &p.id, id(), "name; its pictures are stored under it"},
+      {"resolution", &p.resolution, mandatory(between(1, kMostPixels)), "width, height [px]; never scaled"},
+      {"output", &p.output, text({"simulated", "window", "folder"}), "where it shows: simulated | window | folder"},
+      {"monitor", &p.monitor, any(), "display of the window, as `devices` lists it", "none", "\"HDMI-1\""},
+      {"response", &p.response, response(), "encoded value to light: linear | srgb | gamma:2.2"},
+      {"black_level", &p.black_level, between(0, 0.9), "light of black, fraction of white (1 / contrast)"},
+      {"throw_ratio", &p.throw_ratio, more_than(0, 100), "distance / picture width", "estimated", "1.5"},
+      {"throw_ratio_sigma", &p.throw_ratio_sigma, more_than(0, 10), "how well it is known, relative"},
+      {"lens_shift", &p.lens_shift, between(-5, 5),
+       "picture's centre off the lens axis, right and down, in picture sizes", "estimated", "[0.0, -0.5]"},
+      {"lens_shift_sigma", &p.lens_shift_sigma, more_than(0, 10), "how well it is known, in picture sizes"},
+      {"model", &p.model, any(), "whole lens, a .cameramodel, path relative to this file", "estimated",
+       "\"projector.cameramodel\""},
+  };
+}
+
+Fields fields_of(ScreenSpec& s) {
+  return {
+      {"kind", &s.kind, text({"measured", "planes"}, {"cylinder", "dome", "mesh"}),
+       "measured by structured light | planes"},
+      {"planes", &s.planes, between(0, 64), "number of planes, 0 = found"},
+      {"patches", Patches{&s.patches}, between(1, 4096), "\"auto\", or patches per surface [along u, along v]"},
+      {"known_length", &s.known_length, any(), "two pixels of the first camera, metres between what they see",
+       "size of the room unknown", "{ pixel_a = [310.0, 420.0], pixel_b = [1520.0, 440.0], metres = 2.5 }"},
+  };
+}
+
+Fields fields_of(ScreenSpec::KnownLength& k) {
+  return {
+      {"pixel_a", &k.pixel_a, mandatory(between(-0.5, kMostPixels)), "x, y [camera px]"},
+      {"pixel_b", &k.pixel_b, mandatory(between(-0.5, kMostPixels)), "x, y [camera px]"},
+      {"metres", &k.metres, mandatory(more_than(0, kFar)), "distance of the screen points under them [m]"},
+  };
+}
+
+Fields fields_of(BoardSpec& b) {
+  return {
+      {"kind", &b.kind, mandatory(text({"chessboard", "apriltag", "charuco"})), "chessboard | apriltag | charuco",
+       "no board", "\"chessboard\""},
+      {"corners", &b.corners, between(2, 1000), "inner corners along width and height"},
+      {"square", &b.square, more_than(0, kFar), "side of a square [m]"},
+  };
+}
+
+Fields intent_of(Rig& r) {
+  return {{"target", &r.target, text({"direct"}, {"uniform"}), "direct: each picture as if no light bounced"}};
+}
+
+Fields fields_of(Simulation& s) {
+  return {
+      {"room", &s.room, text({"two-wall"}, {"cave4", "dome", "cylinder"}), "kind of room: two-wall"},
+      {"angle_deg", &s.angle_deg, between(1, 179), "angle between the walls [degrees]"},
+      {"left_size", &s.left_size, more_than(0, kFar), "width, height of the left wall [m]"},
+      {"right_size", &s.right_size, more_than(0, kFar), "width, height of the right wall [m]"},
+      {"left_rise", &s.left_rise, between(-kFar, kFar), "height of the left wall's lower edge [m]"},
+      {"right_rise", &s.right_rise, between(-kFar, kFar), "height of the right wall's lower edge [m]"},
+      {"left_albedo", &s.left_albedo, between(0, 1), "diffuse reflectance r, g, b"},
+      {"right_albedo", &s.right_albedo, between(0, 1), "diffuse reflectance r, g, b"},
+      {"texture", &s.texture, between(0, 1), "amplitude of a smooth albedo variation, fraction"},
+      {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
+      {"seed", &s.seed, any(), "all noise follows from it"},
+      {"samples", &s.samples, between(1, 1 << 24), "strata per wall that a receiving point looks at"},
+      {"block_px", &s.block_px, between(1, kMostPixels), "projector pixels per block of indirect light"},
+  };
+}
+
+Fields fields_of(SimulatedCamera& c) {
+  return {
+      {"id", &c.id, id(), "the [[camera]] that this is the truth of"},
+      {"position", &c.position, between(-kFar, kFar), "x right, y up, z away from the crease [m]"},
+      {"target", &c.target, between(-kFar, kFar), "point on its axis [m]"},
+      {"roll_deg", &c.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
+      {"resolution", &c.resolution, between(1, kMostPixels), "width, height [px]"},
+      {"channels", &c.channels, one_of({1, 3}), "1 = grey, 3 = RGB"},
+      {"focal_px", &c.focal_px, more_than(0, 1e6), "focal length [px]"},
+      {"principal", &c.principal, between(-kMostPixels, kMostPixels), "principal point [px]", "the picture's centre"},
+      {"distortion", &c.distortion, between(-10, 10), "Brown-Conrady k1, k2, p1, p2, k3"},
+      {"full_well_e", &c.full_well_e, more_than(0, 1e9), "full scale [electrons]"},
+      {"read_noise_e", &c.read_noise_e, between(0, 1e6), "[electrons]"},
+      {"bits", &c.bits, between(1, 16), "bits of a stored value"},
+      {"white_level", &c.white_level, more_than(0, 100), "brightest white / full scale at the reference exposure"},
+      {"reference_exposure_ms", &c.reference_exposure_ms, more_than(0, 1e6), "[ms]"},
+      {"psf_sigma_px", &c.psf_sigma_px, between(0, 100), "blur [px]"},
+      {"vignetting", &c.vignetting, between(0, 0.99), "loss at the picture's corner, fraction"},
+  };
+}
+
+Fields fields_of(SimulatedProjector& p) {
+  return {
+      {"id", &p.id, id(), "the [[projector]] that this is the truth of"},
+      {"position", &p.position, between(-kFar, kFar), "x right, y up, z away from the crease [m]"},
+      {"target", &p.target, between(-kFar, kFar), "point on its axis [m]"},
+      {"roll_deg", &p.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
+      {"throw_ratio", &p.throw_ratio, more_than(0, 100), "distance / picture width"},
+      {"lens_shift", &p.lens_shift, between(-5, 5), "picture's centre off the axis, right and down, in picture sizes"},
+      {"gain", &p.gain, more_than(0, 1e6), "luminous power beside the others"},
+      {"gamma", &p.gamma, between(0.2, 5), "exponent of its response r, g, b"},
+      {"black_level", &p.black_level, between(0, 0.9), "1 / contrast"},
+      {"falloff", &p.falloff, between(0, 0.99), "loss at the picture's corner, fraction"},
+      {"defocus_sigma_px", &p.defocus_sigma_px, between(0, 1000), "blur [px]"},
+      {"latency_frames", &p.latency_frames, between(0, 1000), "photos that still show the former picture"},
+  };
+}
+
+}  // namespace countershade::fields

@@ -1,0 +1,153 @@
+#include "simdata/render/simulator.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "calib/base/parallel.h"
+#include "calib/base/random.h"
+#include "simdata/render/blur.h"
+#include "simdata/render/sensor.h"
+#include "simdata/render/simulator_state.h"
+#include "simdata/room/rooms.h"
+#include "simdata/room/room_check.h"
+
+namespace countershade::simdata {
+
+namespace {
+
+// Mean distance from a projector to the walls it lights; 0 when it lights none.
+double working_distance(const Device& projector, const Screen& screen) {
+  double sum = 0;
+  int count = 0;
+  for (int j = 0; j < 9; ++j)
+    for (int i = 0; i < 9; ++i) {
+      const Eigen::Vector2d pixel((i + 0.5) / 9 * projector.lens.width() - 0.5,
+                                  (j + 0.5) / 9 * projector.lens.height() - 0.5);
+      const Ray ray = projector.ray(pixel);
+      const ChartPoint hit = screen.intersect(ray);
+      if (hit.surface >= 0) sum += (screen.point(hit) - ray.origin).norm(), ++count;
+    }
+  return count > 0 ? sum / count : 0;
+}
+
+const SimulatedCamera& camera_of(const Simulation& simulation, const std::string& id) {
+  return *std::find_if(simulation.cameras.begin(), simulation.cameras.end(), [&](const auto& c) { return c.id == id; });
+}
+
+const SimulatedProjector& projector_of(const Simulation& simulation, const std::string& id) {
+  return *std::find_if(simulation.projectors.begin(), simulation.projectors.end(),
+                       [&](const auto& p) { return p.id == id; });
+}
+
+// Exposure: the 99.9th percentile of the brightest channel, all projectors white, comes to white_level.
+float exposure_scale(const View& view, const TrueLight& white) {
+  const int channels = view.spec().channels;
+  std::vector<float> brightest(white.direct.pixels());
+  for (std::size_t i = 0; i < brightest.size(); ++i)
+    for (int c = 0; c < channels; ++c)
+      brightest[i] =
+          std::max(brightest[i], white.direct.data()[i * channels + c] + white.indirect.data()[i * channels + c]);
+  const std::size_t rank = std::min(brightest.size() - 1, static_cast<std::size_t>(0.999 * brightest.size()));
+  std::nth_element(brightest.begin(), brightest.begin() + rank, brightest.end());
+  return brightest[rank] > 0 ? static_cast<float>(view.spec().white_level / brightest[rank]) : 0;
+}
+
+}  // namespace
+
+Simulator::Simulator(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Simulator::~Simulator() = default;
+
+const Rig& Simulator::rig() const { return state_->rig; }
+const Simulation& Simulator::simulation() const { return state_->simulation; }
+const Screen& Simulator::screen() const { return state_->scene->screen(); }
+double Simulator::scale(int camera) const { return state_->views.at(camera)->scale(); }
+
+Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulation& simulation, Progress& progress) {
+  CS_TRY_VOID(check_room(rig, simulation));
+  auto state = std::make_unique<State>(rig, simulation);
+  CS_TRY(state->scene, Scene::make(room_screen(simulation)));
+  std::vector<Picture> white;
+  double power = 0;
+  for (const ProjectorSpec& spec : rig.projectors) {
+    CS_TRY(const Device device, true_projector(simulation, rig, spec.id));
+    const double distance = working_distance(device, state->scene->screen());
+    if (!(distance > 0))
+      return error(ErrorCode::kBadValue, "simulated projector '{}' lights no wall; turn its target to one", spec.id);
+    state->emitters.emplace_back(projector_of(simulation, spec.id), device, simulation.block_px);
+    if (power == 0) power = state->emitters.front().power_for(distance);
+    state->emitters.back().set_power(power);
+    white.emplace_back(spec.resolution[0], spec.resolution[1], 3, 65535);
+  }
+  state->indirect = std::make_unique<IndirectLight>(state->scene, state->emitters, state->paint, simulation, progress);
+  std::shared_ptr<Simulator> simulator(new Simulator(std::move(state)));
+  State& made = *simulator->state_;
+  for (const CameraSpec& spec : rig.cameras) {
+    progress.step("views", static_cast<double>(made.views.size()), static_cast<double>(rig.cameras.size()));
+    CS_TRY(const Device device, true_camera(simulation, spec.id));
+    made.cameras.push_back(spec);
+    made.views.push_back(std::make_unique<View>(camera_of(simulation, spec.id), device, *made.scene, made.emitters,
+                                                made.paint, simulation.ambient));
+    View& view = *made.views.back();
+    const float scale = exposure_scale(view, simulator->light(static_cast<int>(made.views.size()) - 1, white));
+    if (!(scale > 0))
+      return error(ErrorCode::kBadValue, "simulated camera '{}' sees no lit wall; turn its target to one", spec.id);
+    view.set_scale(scale);
+  }
+  progress.step("views", 1, 1);
+  return simulator;
+}
+
+std::vector<PictureLight> Simulator::State::light_of(std::span<const Picture> pictures) const {
+  CS_CHECK(pictures.size() == emitters.size(), "one picture per projector of the rig");
+  std::vector<PictureLight> light;
+  for (std::size_t q = 0; q < emitters.size(); ++q) light.push_back(emitters[q].light_of(pictures[q]));
+  return light;
+}
+
+TrueLight Simulator::light(int camera, std::span<const Picture> pictures) const {
+  const View& view = *state_->views.at(camera);
+  const std::vector<PictureLight> light = state_->light_of(pictures);
+  return {view.direct(light, *state_->indirect), view.reflected(state_->indirect->solve(light), *state_->indirect)};
+}
+
+Image Simulator::optics(int camera, const Image& light) const {
+  return blurred(light, state_->views.at(camera)->spec().psf_sigma_px);
+}
+
+capture::Exposure Simulator::expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const {
+  const CameraSpec& spec = state_->cameras.at(camera);
+  const std::uint64_t key = mix(mix(state_->simulation.seed) ^ hash_name(spec.id)) ^ mix(draw);
+  return simdata::expose(light, state_->views[camera]->spec(), spec, exposure_ms, key);
+}
+
+TrueGeometry Simulator::geometry(int camera) const {
+  const View& view = *state_->views.at(camera);
+  const int width = view.spec().resolution[0], height = view.spec().resolution[1];
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  const Image nothing(width, height, 1, kNaN);
+  TrueGeometry g{nothing, Image(width, height, 3, kNaN), Image(width, height, 1, -1), nothing, nothing, {}, {}};
+  g.projector_x.assign(state_->emitters.size(), nothing);
+  g.projector_y = g.projector_x;
+  const Screen& screen = state_->scene->screen();
+  parallel_for(height, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const Ray ray = view.device().ray({static_cast<double>(x), static_cast<double>(y)});
+      const ChartPoint at = screen.intersect(ray);
+      if (at.surface < 0) continue;
+      const Eigen::Vector3d point = screen.point(at), normal = screen.normal(at);
+      g.depth.at(x, y) = static_cast<float>((point - ray.origin).norm());
+      for (int c = 0; c < 3; ++c) g.normal.at(x, y, c) = static_cast<float>(normal[c]);
+      g.surface.at(x, y) = static_cast<float>(at.surface);
+      g.u.at(x, y) = static_cast<float>(at.u), g.v.at(x, y) = static_cast<float>(at.v);
+      for (std::size_t q = 0; q < state_->emitters.size(); ++q)
+        if (const auto beam = state_->emitters[q].beam(*state_->scene, at.surface, point)) {
+          g.projector_x[q].at(x, y) = static_cast<float>(beam->pixel.x());
+          g.projector_y[q].at(x, y) = static_cast<float>(beam->pixel.y());
+        }
+    }
+  });
+  return g;
+}
+
+}  // namespace countershade::simdata

@@ -1,0 +1,56 @@
+// What one camera sees of the room, sampled once: 2 x 2 rays per pixel.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "calib/file/rig.h"
+#include "simdata/render/indirect.h"
+
+namespace countershade::simdata {
+
+class View {
+ public:
+  View(const SimulatedCamera& spec, const Device& device, const Scene& scene, const std::vector<Emitter>& emitters,
+       const Paint& paint, double ambient);
+
+  const SimulatedCamera& spec() const { return spec_; }
+  const Device& device() const { return device_; }
+  // Share of the picture's pixels that see a wall.
+  double coverage() const { return coverage_; }
+  // Radiosity to full scale at the reference exposure, vignetting left out.
+  float scale() const { return scale_; }
+  void set_scale(float scale) { scale_ = scale; }
+  // Share of light that the lens keeps at a pixel.
+  double transmission(double x, double y) const;
+
+  // First hits, (height, width, channels), times scale.
+  Image direct(std::span<const PictureLight> light, const IndirectLight& indirect) const;
+  // The indirect irradiance `field` (receivers of indirect.grid(), per surface), reflected.
+  Image reflected(const std::vector<Rgb>& field, const IndirectLight& indirect) const;
+
+ private:
+  struct BeamSample {  // one subsample that one projector lights
+    float x, y, factor;
+    std::uint16_t column, surface;
+  };
+  struct WallSample {  // one surface seen by one pixel; surface = kNone: the surround
+    float u, v, factor;
+    std::uint16_t column, surface;
+  };
+  static constexpr std::uint16_t kNone = 0xffff;
+  void sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters);
+  void write_row(Image& image, int y, const std::vector<Light4>& row) const;
+
+  SimulatedCamera spec_;
+  Device device_;
+  std::vector<Light4> base_;
+  const Paint& paint_;
+  float ambient_ = 0, scale_ = 1;
+  double coverage_ = 0;
+  std::vector<std::vector<std::vector<BeamSample>>> beams_;  // [projector][row]
+  std::vector<std::vector<WallSample>> walls_;               // [row]
+};
+
+}  // namespace countershade::simdata

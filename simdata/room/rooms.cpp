@@ -1,0 +1,57 @@
+#include "simdata/room/rooms.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace countershade::simdata {
+
+namespace {
+
+double radians(double degrees) { return degrees * std::numbers::pi / 180; }
+Eigen::Vector3d vector(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
+
+}  // namespace
+
+Screen room_screen(const Simulation& s) {
+  const double half = radians(s.angle_deg) / 2;
+  const Eigen::Vector3d left(-std::sin(half), 0, std::cos(half)), right(std::sin(half), 0, std::cos(half));
+  const Eigen::Vector3d up(0, 1, 0);
+  Screen screen;
+  screen.surfaces.push_back(std::make_shared<PlaneSurface>(
+      s.left_size[0] * left + s.left_rise * up, -s.left_size[0] * left, s.left_size[1] * up));
+  screen.surfaces.push_back(
+      std::make_shared<PlaneSurface>(s.right_rise * up, s.right_size[0] * right, s.right_size[1] * up));
+  if (s.left_rise == s.right_rise && s.left_size[1] == s.right_size[1])
+    screen.creases.push_back({0, 1, 1, 0, radians(s.angle_deg)});
+  return screen;
+}
+
+Result<Device> true_camera(const Simulation& simulation, const std::string& id) {
+  for (const SimulatedCamera& c : simulation.cameras) {
+    if (c.id != id) continue;
+    std::vector<double> intrinsics{c.focal_px, c.focal_px, c.principal[0], c.principal[1]};
+    intrinsics.insert(intrinsics.end(), c.distortion.begin(), c.distortion.end());
+    CS_TRY(const Lens lens, Lens::make("LENSMODEL_OPENCV5", intrinsics, c.resolution[0], c.resolution[1]));
+    return Device{lens, look_at(vector(c.position), vector(c.target), {0, 1, 0}, radians(c.roll_deg))};
+  }
+  return error(ErrorCode::kBadValue, "camera '{}' has no [[simulation.camera]] with that id; add one", id);
+}
+
+Result<Device> true_projector(const Simulation& simulation, const Rig& rig, const std::string& id) {
+  const ProjectorSpec* spec = rig.projector(id);
+  for (const SimulatedProjector& p : simulation.projectors) {
+    if (p.id != id || !spec) continue;
+    const int width = spec->resolution[0], height = spec->resolution[1];
+    const double focal = p.throw_ratio * width;
+    // lens_shift: the picture's centre as seen from the lens axis.
+    CS_TRY(const Lens lens, Lens::make("LENSMODEL_PINHOLE",
+                                       {focal, focal, (width - 1) / 2.0 - p.lens_shift[0] * width,
+                                        (height - 1) / 2.0 - p.lens_shift[1] * height},
+                                       width, height));
+    return Device{lens, look_at(vector(p.position), vector(p.target), {0, 1, 0}, radians(p.roll_deg))};
+  }
+  return error(ErrorCode::kBadValue, "projector '{}' is not in both the rig and [[simulation.projector]]; add it", id);
+}
+
+}  // namespace countershade::simdata

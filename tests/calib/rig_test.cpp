@@ -1,0 +1,442 @@
+#include "calib/file/rig.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "calib/file/file.h"
+#include "calib/file/nearest.h"
+#include "calib/file/rig_fields.h"
+#include "tests/support/cli.h"
+
+namespace countershade {
+namespace {
+
+namespace fs = std::filesystem;
+using ::testing::AllOf;
+using ::testing::EndsWith;
+using ::testing::HasSubstr;
+using ::testing::Not;
+using ::testing::StartsWith;
+using testing::TemporaryFolder;
+
+const std::string kSmallest = "[[camera]]\nid = \"cam\"\n[[projector]]\nid = \"left\"\nresolution = [1280, 800]\n";
+
+Result<Rig> reading(const std::string& text) {
+  TemporaryFolder folder;
+  EXPECT_TRUE(write_atomically(folder / "rig.toml", text));
+  return read_rig(folder / "rig.toml");
+}
+
+// The message without the folder of the test: "rig.toml:3: ...".
+std::string complaint(const std::string& text, ErrorCode code = ErrorCode::kBadValue) {
+  const auto rig = reading(text);
+  if (rig) return "no complaint";
+  EXPECT_EQ(static_cast<int>(rig.error().code), static_cast<int>(code)) << rig.error().message;
+  const std::string& message = rig.error().message;
+  const std::size_t at = message.find("rig.toml");
+  return at == std::string::npos ? message : message.substr(at);
+}
+
+// Every field has another value than its default, no two numbers are alike.
+Rig full_rig() {
+  Rig rig;
+  CameraSpec a{
+      "cam-a", "simulated", "serial \"7\"\\\n\x01", "/models/a.cameramodel", "unknown", {8, 0.1, 1e-5}, "gamma:1.8",
+      240.25,  65520.5};
+  CameraSpec b;
+  b.id = "B_2";
+  rig.cameras = {a, b};
+  ProjectorSpec left{
+      "left", {1280, 801},       "window", "HDMI-1", "srgb", 1.0 / 3, 1.3, 0.031, std::array<double, 2>{-0.05, 0.55},
+      0.07,   "/m/p.cameramodel"};
+  ProjectorSpec right;
+  right.id = "right";
+  right.resolution = {1920, 1080};
+  rig.projectors = {left, right};
+  rig.screen = {"planes", 2, {40, 30}, ScreenSpec::KnownLength{{10.5, 20}, {1e3, 0.1}, 2.75}};
+  rig.board = {"charuco", {10, 6}, 0.033};
+  return rig;
+}
+
+Simulation full_simulation() {
+  Simulation s{"two-wall",
+               97.3,
+               {3.1, 2.2},
+               {2.6, 1.9},
+               0.11,
+               0.07,
+               {0.81, 0.8, 0.74},
+               {0.7, 0.72, 0.69},
+               0.04,
+               0.013,
+               0xfedcba9876543210ull,
+               5000,
+               24,
+               {},
+               {}};
+  SimulatedCamera c{"cam-a",
+                    {0.1, 1.7, 4.2},
+                    {0.2, 1.1, 0.3},
+                    -2.5,
+                    {640, 401},
+                    1,
+                    512.5,
+                    {321.25, 198.5},
+                    {-0.1, 0.02, 1e-4, -2e-4, 0.003},
+                    9000,
+                    4,
+                    10,
+                    0.7,
+                    12,
+                    0.5,
+                    0.2};
+  SimulatedProjector p{"left", {-1, 2, 3},        {-1.2, 1, 0.4}, 1.5,  1.1, {0.02, -0.3},
+                       0.9,    {2.2, 2.25, 2.15}, 0.0013,         0.21, 0.4, 2};
+  s.cameras = {c};
+  s.projectors = {p};
+  return s;
+}
+
+// The fields of a table as text: compares each, whatever its type.
+template <class T>
+std::vector<std::string> texts(T value) {
+  std::vector<std::string> all;
+  for (const auto& f : fields::fields_of(value)) all.push_back(f.name + " = " + fields::value_text(f.slot));
+  return all;
+}
+template <class T>
+std::vector<std::vector<std::string>> texts(const std::vector<T>& values) {
+  std::vector<std::vector<std::string>> all;
+  for (const T& value : values) all.push_back(texts(value));
+  return all;
+}
+
+void expect_equal(const Rig& a, const Rig& b) {
+  EXPECT_EQ(texts(a.cameras), texts(b.cameras));
+  EXPECT_EQ(texts(a.projectors), texts(b.projectors));
+  EXPECT_EQ(texts(a.screen), texts(b.screen));
+  EXPECT_EQ(texts(a.board), texts(b.board));
+  EXPECT_EQ(a.target, b.target);
+}
+
+void expect_equal(const Simulation& a, const Simulation& b) {
+  EXPECT_EQ(texts(a), texts(b));
+  EXPECT_EQ(texts(a.cameras), texts(b.cameras));
+  EXPECT_EQ(texts(a.projectors), texts(b.projectors));
+}
+
+// ---- what is accepted ----
+
+TEST(Rig, NeedsOnlyIdsAndAResolution) {
+  const Rig rig = reading(kSmallest).value();
+  ASSERT_EQ(rig.cameras.size(), 1);
+  EXPECT_EQ(rig.cameras[0].id, "cam");
+  EXPECT_EQ(rig.projector("left")->resolution, (std::array<int, 2>{1280, 800}));
+  EXPECT_EQ(rig.projector("right"), nullptr);
+  CameraSpec camera;
+  camera.id = "cam";
+  EXPECT_EQ(texts(rig.cameras[0]), texts(camera));
+  EXPECT_EQ(texts(rig.screen), texts(ScreenSpec{}));
+}
+
+// Values that are written out here and compared one by one, so that two fields of the list cannot have changed places.
+TEST(Rig, PutsEachValueWhereItBelongs) {
+  const Rig rig =
+      reading(
+          "format_version = 1\n"
+          "[[camera]]\nid = \"c\"\nbackend = \"simulated\"\ndevice = \"d\"\nmodel = \"/m\"\npose = \"unknown\"\n"
+          "exposures_ms = [8, 32.5]\nresponse = \"srgb\"\npedestal = 1\nfull_scale = 4000\n"
+          "[[projector]]\nid = \"p\"\nresolution = [3, 2]\noutput = \"folder\"\nmonitor = \"m\"\nresponse = "
+          "\"gamma:2\"\n"
+          "black_level = 0.25\nthrow_ratio = 2\nthrow_ratio_sigma = 0.5\nlens_shift = [0, -1.5]\nlens_shift_sigma = "
+          "0.75\n"
+          "[screen]\nkind = \"planes\"\nplanes = 3\npatches = [5, 4]\n"
+          "known_length = { pixel_a = [1, 2], pixel_b = [3.5, 4], metres = 6 }\n"
+          "[board]\nkind = \"apriltag\"\ncorners = [8, 5]\nsquare = 0.125\n"
+          "[intent]\ntarget = \"direct\"\n")
+          .value();
+  const CameraSpec& c = rig.cameras[0];
+  EXPECT_EQ(c.backend + c.device + c.model.string() + c.pose + c.response, "simulatedd/munknownsrgb");
+  EXPECT_EQ(c.exposures_ms, (std::vector<double>{8, 32.5}));
+  EXPECT_EQ(c.pedestal, 1);
+  EXPECT_EQ(c.full_scale, 4000);
+  const ProjectorSpec& p = rig.projectors[0];
+  EXPECT_EQ(p.output + p.monitor + p.response, "foldermgamma:2");
+  EXPECT_EQ(p.resolution, (std::array<int, 2>{3, 2}));
+  EXPECT_EQ(p.black_level, 0.25);
+  EXPECT_EQ(p.throw_ratio, 2);
+  EXPECT_EQ(p.throw_ratio_sigma, 0.5);
+  EXPECT_EQ(p.lens_shift, (std::array<double, 2>{0, -1.5}));
+  EXPECT_EQ(p.lens_shift_sigma, 0.75);
+  EXPECT_EQ(rig.screen.planes, 3);
+  EXPECT_EQ(rig.screen.patches, (std::array<int, 2>{5, 4}));
+  EXPECT_EQ(rig.screen.known_length->pixel_b, (std::array<double, 2>{3.5, 4}));
+  EXPECT_EQ(rig.screen.known_length->metres, 6);
+  EXPECT_EQ(rig.board.kind, "apriltag");
+  EXPECT_EQ(rig.board.corners, (std::array<int, 2>{8, 5}));
+  EXPECT_EQ(rig.board.square, 0.125);
+}
+
+TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
+  TemporaryFolder folder;
+  const std::string text =
+      "[simulation]\nroom = \"two-wall\"\nangle_deg = 91\nleft_size = [1, 2]\nright_size = [3, 4]\nleft_rise = 5\n"
+      "right_rise = 6\nleft_albedo = [0.1, 0.2, 0.3]\nright_albedo = [0.4, 0.5, 0.6]\ntexture = 0.7\nambient = 0.8\n"
+      "seed = 9\nsamples = 10\nblock_px = 11\n"
+      "[[simulation.camera]]\nid = \"c\"\nposition = [1, 2, 3]\ntarget = [4, 5, 6]\nroll_deg = 7\nresolution = [8, 9]\n"
+      "channels = 1\nfocal_px = 10\nprincipal = [11, 12]\ndistortion = [0.1, 0.2, 0.3, 0.4, 0.5]\nfull_well_e = 13\n"
+      "read_noise_e = 14\nbits = 15\nwhite_level = 16\nreference_exposure_ms = 17\npsf_sigma_px = 18\nvignetting = "
+      "0.19\n"
+      "[[simulation.projector]]\nid = \"p\"\nposition = [1, 2, 3]\ntarget = [4, 5, 6]\nroll_deg = 7\nthrow_ratio = 8\n"
+      "lens_shift = [0.9, 1]\ngain = 11\ngamma = [1.2, 1.3, 1.4]\nblack_level = 0.15\nfalloff = 0.16\n"
+      "defocus_sigma_px = 17\nlatency_frames = 18\n";
+  ASSERT_TRUE(write_atomically(folder / "s.toml", text));
+  const Simulation s = read_simulation(folder / "s.toml").value();
+  using Two = std::array<double, 2>;
+  using Three = std::array<double, 3>;
+  EXPECT_EQ(s.angle_deg, 91);
+  EXPECT_EQ(s.left_size, (Two{1, 2}));
+  EXPECT_EQ(s.right_size, (Two{3, 4}));
+  EXPECT_EQ((Two{s.left_rise, s.right_rise}), (Two{5, 6}));
+  EXPECT_EQ(s.left_albedo, (Three{0.1, 0.2, 0.3}));
+  EXPECT_EQ(s.right_albedo, (Three{0.4, 0.5, 0.6}));
+  EXPECT_EQ((Two{s.texture, s.ambient}), (Two{0.7, 0.8}));
+  EXPECT_EQ(s.seed, 9);
+  EXPECT_EQ((Two{1. * s.samples, 1. * s.block_px}), (Two{10, 11}));
+  const SimulatedCamera& c = s.cameras.at(0);
+  EXPECT_EQ(c.position, (Three{1, 2, 3}));
+  EXPECT_EQ(c.target, (Three{4, 5, 6}));
+  EXPECT_EQ(c.resolution, (std::array<int, 2>{8, 9}));
+  EXPECT_EQ((Three{c.roll_deg, 1. * c.channels, c.focal_px}), (Three{7, 1, 10}));
+  EXPECT_EQ(c.principal, (Two{11, 12}));
+  EXPECT_EQ(c.distortion, (std::array<double, 5>{0.1, 0.2, 0.3, 0.4, 0.5}));
+  EXPECT_EQ((Three{c.full_well_e, c.read_noise_e, 1. * c.bits}), (Three{13, 14, 15}));
+  EXPECT_EQ((Two{c.white_level, c.reference_exposure_ms}), (Two{16, 17}));
+  EXPECT_EQ((Two{c.psf_sigma_px, c.vignetting}), (Two{18, 0.19}));
+  const SimulatedProjector& p = s.projectors.at(0);
+  EXPECT_EQ(p.position, (Three{1, 2, 3}));
+  EXPECT_EQ(p.target, (Three{4, 5, 6}));
+  EXPECT_EQ((Three{p.roll_deg, p.throw_ratio, p.gain}), (Three{7, 8, 11}));
+  EXPECT_EQ(p.lens_shift, (Two{0.9, 1}));
+  EXPECT_EQ(p.gamma, (Three{1.2, 1.3, 1.4}));
+  EXPECT_EQ((Two{p.black_level, p.falloff}), (Two{0.15, 0.16}));
+  EXPECT_EQ((Two{p.defocus_sigma_px, 1. * p.latency_frames}), (Two{17, 18}));
+}
+
+TEST(Rig, ResolvesModelsAgainstItsOwnFolder) {
+  TemporaryFolder folder;
+  const std::string text =
+      "[[camera]]\nid = \"cam\"\nmodel = \"lenses/../a.cameramodel\"\n"
+      "[[projector]]\nid = \"left\"\nresolution = [1280, 800]\nmodel = \"/abs/p.cameramodel\"\n";
+  ASSERT_TRUE(write_atomically(folder / "rig.toml", text));
+  const Rig rig = read_rig(folder / "rig.toml").value();
+  EXPECT_EQ(rig.cameras[0].model, folder / "a.cameramodel");
+  EXPECT_EQ(rig.projectors[0].model, "/abs/p.cameramodel");
+}
+
+// ---- round trips ----
+
+TEST(Rig, CanonicalTextReadsBackEqual) {
+  const Rig rig = full_rig();
+  const Rig read = reading(canonical_rig_text(rig)).value();
+  expect_equal(read, rig);
+  EXPECT_EQ(canonical_rig_text(read), canonical_rig_text(rig));
+  Rig plain;
+  plain.cameras.resize(1);
+  plain.cameras[0].id = "c";
+  plain.projectors.resize(1);
+  plain.projectors[0].id = "p";
+  plain.projectors[0].resolution = {7, 5};
+  expect_equal(reading(canonical_rig_text(plain)).value(), plain);
+}
+
+TEST(Rig, CommentedTextReadsBackEqual) {
+  const Simulation simulation = full_simulation();
+  for (const Simulation* s : {&simulation, static_cast<const Simulation*>(nullptr)}) {
+    TemporaryFolder folder;
+    ASSERT_TRUE(write_atomically(folder / "rig.toml", rig_text(full_rig(), s)));
+    expect_equal(read_rig(folder / "rig.toml").value(), full_rig());
+    EXPECT_EQ(has_simulation(folder / "rig.toml").value(), s != nullptr);
+    if (s != nullptr) expect_equal(read_simulation(folder / "rig.toml").value(), simulation);
+  }
+}
+
+TEST(Rig, CommentedTextNamesEveryFieldAndEveryUnsetOneCanBeSet) {
+  Rig rig;
+  rig.cameras.resize(1);
+  rig.cameras[0].id = "c";
+  rig.projectors.resize(1);
+  rig.projectors[0].id = "p";
+  rig.projectors[0].resolution = {7, 5};
+  std::string text = rig_text(rig, nullptr);
+  std::vector<fields::Fields> tables = {fields::fields_of(rig.cameras[0]), fields::fields_of(rig.projectors[0]),
+                                        fields::fields_of(rig.screen), fields::fields_of(rig.board),
+                                        fields::intent_of(rig)};
+  for (const auto& table : tables)
+    for (const auto& f : table) EXPECT_THAT(text, HasSubstr(f.name + " = ")) << f.name;
+  // Taking every "# " away before "name = value" leaves a file that is read.
+  for (std::size_t at = 0; (at = text.find("\n# ", at)) != std::string::npos; ++at) {
+    const std::string line = text.substr(at + 3, text.find('\n', at + 1) - at - 3);
+    const std::size_t name = line.find_first_not_of("abcdefghijklmnopqrstuvwxyz_");
+    if (line.substr(name, 3) == " = " || line[0] == '[') text.erase(at + 1, 2);
+  }
+  const auto read = reading(text);
+  ASSERT_TRUE(read) << read.error().message << "\n" << text;
+  EXPECT_TRUE(read->cameras[0].full_scale && read->projectors[0].throw_ratio && read->screen.known_length);
+  EXPECT_EQ(read->board.kind, "chessboard");
+  EXPECT_THAT(rig_text(rig, nullptr), HasSubstr("default: \"gamma:2.2\""));
+}
+
+TEST(Rig, SimulationReadsBackEqual) {
+  TemporaryFolder folder;
+  ASSERT_TRUE(write_atomically(folder / "simulation.toml", simulation_text(full_simulation())));
+  expect_equal(read_simulation(folder / "simulation.toml").value(), full_simulation());
+  EXPECT_THAT(canonical_rig_text(full_rig()), Not(HasSubstr("simulation]")));
+}
+
+TEST(Rig, SimulatedLensIsCentredUnlessItSaysOtherwise) {
+  TemporaryFolder folder;
+  ASSERT_TRUE(write_atomically(folder / "s.toml",
+                               "[simulation]\n[[simulation.camera]]\nid = \"c\"\nresolution = [640, 401]\n"));
+  EXPECT_EQ(read_simulation(folder / "s.toml")->cameras[0].principal, (std::array<double, 2>{319.5, 200}));
+}
+
+// ---- what is refused ----
+
+TEST(RigError, UnknownKeyNamesFileLineTableAndTheNearest) {
+  EXPECT_EQ(complaint("[[camera]]\nid = \"cam\"\n\n[[projector]]\nid = \"left\"\nresoltion = [1280, 800]\n"),
+            "rig.toml:6: unknown key 'resoltion' in [[projector]]; nearest valid key is 'resolution'");
+  EXPECT_EQ(complaint(kSmallest + "[scren]\nkind = \"measured\"\n"),
+            "rig.toml:6: unknown key 'scren' at the top of the file; nearest valid key is 'screen'");
+  EXPECT_EQ(complaint(kSmallest + "[screen]\nknown_length = { pixel_a = [1, 2], pixel_c = [3, 4], metres = 1 }\n"),
+            "rig.toml:7: unknown key 'pixel_c' in known_length of [screen]; nearest valid key is 'pixel_a'");
+  EXPECT_EQ(complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\nfocal_pix = 3\n"),
+            "rig.toml:9: unknown key 'focal_pix' in [[simulation.camera]]; nearest valid key is 'focal_px'");
+}
+
+TEST(RigError, TheFirstMistakeOfATableIsReported) {
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\nzzz = 1\naaa = 2\n"), StartsWith("rig.toml:3: unknown key 'zzz'"));
+}
+
+TEST(RigError, WhatIsMandatoryIsMissedByName) {
+  EXPECT_THAT(complaint("[[camera]]\nbackend = \"folder\"\n"), StartsWith("rig.toml:1: [[camera]] has no 'id'"));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\n[[projector]]\nresolution = [1, 1]\n"),
+              StartsWith("rig.toml:3: [[projector]] has no 'id'"));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\n"),
+              StartsWith("rig.toml:3: [[projector]] has no 'resolution'"));
+  EXPECT_THAT(complaint("[[projector]]\nid = \"p\"\nresolution = [1, 1]\n"),
+              HasSubstr("names no camera; add a table [[camera]]"));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\n"), HasSubstr("names no projector; add a table [[projector]]"));
+  EXPECT_THAT(complaint(kSmallest + "[board]\nsquare = 1\n"), StartsWith("rig.toml:6: [board] has no 'kind'"));
+  EXPECT_THAT(complaint(""), HasSubstr("names no camera"));
+}
+
+TEST(RigError, IdsAreUniqueAndCanNameFiles) {
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\n[[camera]]\nid = \"c\"\n"),
+              AllOf(StartsWith("rig.toml:3: id 'c' stands in two [[camera]] tables"), HasSubstr("first in line 1")));
+  for (const std::string id : {"", "a/b", "..", "a=b", "a b", "C:"})
+    EXPECT_THAT(complaint("[[camera]]\nid = \"" + id + "\"\n"),
+                AllOf(StartsWith("rig.toml:2: id = \"" + id + "\" in [[camera]]"), HasSubstr("must be a name")));
+  EXPECT_TRUE(reading(
+      "[[camera]]\nid = \"left\"\n[[projector]]\nid = \"left\"\nresolution = [4, 3]\n"));  // a camera and a projector
+}
+
+struct Line {
+  const char *line, *says;
+};
+
+TEST(RigError, WrongTypesSayWhatIsExpected) {
+  for (const Line& l : std::vector<Line>{{"pedestal = \"x\"", "pedestal = \"x\" in [[camera]] must be a number"},
+                                         {"id = 7", "must be text in quotes"},
+                                         {"model = true", "must be a path in quotes"},
+                                         {"exposures_ms = 8", "must be a list of numbers"},
+                                         {"exposures_ms = [8, \"x\"]", "must be a number"}})
+    EXPECT_THAT(complaint(std::string("[[camera]]\n") + l.line + "\n"),
+                AllOf(StartsWith("rig.toml:2: "), HasSubstr(l.says)));
+  for (const Line& l : std::vector<Line>{{"resolution = [1280.5, 800]", "must be a whole number"},
+                                         {"resolution = [1280]", "must be 2 numbers in brackets"},
+                                         {"resolution = 1280", "must be 2 numbers in brackets"},
+                                         {"lens_shift = [0.0, 1.0, 2.0]", "must be 2 numbers in brackets"}})
+    EXPECT_THAT(complaint(std::string("[[projector]]\n") + l.line + "\n"),
+                AllOf(StartsWith("rig.toml:2: "), HasSubstr(l.says)));
+  EXPECT_THAT(complaint("[camera]\nid = \"c\"\n"), HasSubstr("must be written [[camera]], in double brackets"));
+  EXPECT_THAT(complaint(kSmallest + "[[screen]]\n"), HasSubstr("must be written [screen], in single brackets"));
+  EXPECT_THAT(complaint(kSmallest + "[screen]\npatches = \"many\"\n"), HasSubstr("must be \"auto\" or [nu, nv]"));
+}
+
+TEST(RigError, ValuesOutOfRangeNameTheBound) {
+  const std::string projector = "[[projector]]\nid = \"p\"\nresolution = [4, 3]\n";
+  for (const Line& l :
+       std::vector<Line>{{"black_level = 1.5", "black_level = 1.5 in [[projector]] must be at least 0 and at most 0.9"},
+                         {"black_level = nan", "must be finite"},
+                         {"throw_ratio = inf", "must be finite"},
+                         {"throw_ratio = 0", "throw_ratio = 0 in [[projector]] must be more than 0"},
+                         {"throw_ratio_sigma = -0.1", "must be more than 0"},
+                         {"response = \"gamma:9\"", "from 0.2 to 5"},
+                         {"response = \"sRGB\"", "use linear, srgb or gamma:G"}})
+    EXPECT_THAT(complaint(projector + l.line + "\n"), AllOf(StartsWith("rig.toml:4: "), HasSubstr(l.says)));
+  EXPECT_THAT(complaint("[[projector]]\nid = \"p\"\nresolution = [1280, 0]\n"),
+              AllOf(StartsWith("rig.toml:3: resolution = [1280,0]"), HasSubstr("must be at least 1")));
+  EXPECT_THAT(complaint(kSmallest + "[simulation]\nleft_size = [3.0, -2.0]\n"),
+              AllOf(StartsWith("rig.toml:7: left_size"), HasSubstr("must be more than 0")));
+  EXPECT_THAT(complaint(kSmallest + "[simulation]\nright_size = [0, 2]\n"), HasSubstr("must be more than 0"));
+  EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\nchannels = 2\n"),
+              HasSubstr("must be 1 or 3"));
+}
+
+TEST(RigError, ValuesThatContradictEachOtherAreNamed) {
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\npedestal = 200\nfull_scale = 100\n"),
+              AllOf(HasSubstr("[[camera]] 'c'"), HasSubstr("pedestal = 200 must be less than full_scale = 100")));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\nexposures_ms = [8, 4, 8]\n"), HasSubstr("exposures_ms names 8 twice"));
+  EXPECT_THAT(complaint(kSmallest + "[screen]\nknown_length = { pixel_a = [1, 2], pixel_b = [1, 2], metres = 1 }\n"),
+              HasSubstr("same pixel"));
+  EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.projector]]\nid = \"p\"\nposition = [0, 0, 1]\n"),
+              HasSubstr("position and target are the same"));
+}
+
+TEST(RigError, WhatIsNotBuiltYetIsUnsupportedAndNamesWhatIsThere) {
+  const auto unsupported = [](const std::string& text) { return complaint(text, ErrorCode::kUnsupported); };
+  for (const std::string backend : {"aravis", "v4l2", "libcamera"})
+    EXPECT_THAT(
+        unsupported("[[camera]]\nid = \"c\"\nbackend = \"" + backend + "\"\n"),
+        AllOf(StartsWith("rig.toml:3: backend = \"" + backend + "\""), HasSubstr("available: folder, simulated")));
+  for (const std::string kind : {"cylinder", "dome", "mesh"})
+    EXPECT_THAT(unsupported(kSmallest + "[screen]\nkind = \"" + kind + "\"\n"),
+                HasSubstr("available: measured, planes"));
+  EXPECT_THAT(unsupported(kSmallest + "[intent]\ntarget = \"uniform\"\n"), HasSubstr("available: direct"));
+  EXPECT_THAT(unsupported("[[camera]]\nid = \"c\"\nresponse = \"measured\"\n"),
+              HasSubstr("state linear, srgb or gamma:G"));
+  EXPECT_THAT(unsupported("format_version = 2\n" + kSmallest),
+              StartsWith("rig.toml:1: format_version = 2 is newer than 1"));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\nbackend = \"fodler\"\n"), HasSubstr("the nearest is 'folder'"));
+}
+
+TEST(RigError, WhatIsNotTomlNamesTheLine) {
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\nresolution [1, 2]\n"), StartsWith("rig.toml:3: not TOML: "));
+  EXPECT_THAT(complaint("[[camera]]\nid = \"c\"\nid = \"d\"\n"), HasSubstr("not TOML: "));
+  EXPECT_THAT(complaint("id = \"c"), HasSubstr("not TOML: "));
+  TemporaryFolder folder;
+  const auto missing = read_rig(folder / "rig.toml");
+  EXPECT_EQ(missing.error().code, ErrorCode::kBadFile);
+  EXPECT_THAT(missing.error().message, HasSubstr("rig.toml' is missing"));
+}
+
+TEST(RigError, MissingSimulationIsNamed) {
+  TemporaryFolder folder;
+  ASSERT_TRUE(write_atomically(folder / "rig.toml", kSmallest));
+  EXPECT_FALSE(has_simulation(folder / "rig.toml").value());
+  const auto simulation = read_simulation(folder / "rig.toml");
+  ASSERT_FALSE(simulation);
+  EXPECT_THAT(simulation.error().message, HasSubstr("has no table [simulation]"));
+}
+
+TEST(EditDistance, CountsInsertionsRemovalsAndReplacements) {
+  EXPECT_EQ(edit_distance("kitten", "sitting"), 3);  // the textbook's pair
+  EXPECT_EQ(edit_distance("", "abc"), 3);
+  EXPECT_EQ(edit_distance("abc", ""), 3);
+  EXPECT_EQ(edit_distance("resoltion", "resolution"), 1);
+  EXPECT_EQ(nearest("gama", {"gain", "gamma", "seed"}), "gamma");
+}
+
+}  // namespace
+}  // namespace countershade

@@ -1,0 +1,390 @@
+#include "capture/session/runner.h"
+
+#include <gmock/gmock.h>
+#include <sys/wait.h>
+
+#include "calib/image/image_file.h"
+#include "capture/session/session_folder.h"
+#include "tests/capture/fake_room.h"
+
+namespace countershade::capture {
+namespace {
+
+using fake::Room;
+using testing::AllOf;
+using testing::HasSubstr;
+namespace fs = std::filesystem;
+
+const CaptureOptions kQuick{.retakes = 3, .retake_wait_ms = 0};
+
+struct Listener final : Progress {
+  std::vector<std::pair<double, double>> steps;
+  std::string said;
+  void step(std::string_view, double done, double total) override { steps.emplace_back(done, total); }
+  void note(std::string_view text) override { said += std::string(text) + "\n"; }
+  void warn(std::string_view text) override { said += std::string(text) + "\n"; }
+};
+
+Result<void> run(const std::shared_ptr<Room>& room, const fs::path& folder, const Rig& rig, Progress& progress,
+                 const Sequence& sequence = fake::sequence()) {
+  const Devices devices = fake::devices(room, rig);
+  return capture_session(rig, "", sequence, devices, folder, kQuick, progress);
+}
+
+Result<void> run(const std::shared_ptr<Room>& room, const fs::path& folder, const Rig& rig = fake::rig()) {
+  SilentProgress silent;
+  return run(room, folder, rig, silent);
+}
+
+std::map<std::string, std::string> undisturbed(const fs::path& folder, const Rig& rig = fake::rig()) {
+  const auto done = run(std::make_shared<Room>(), folder, rig);
+  EXPECT_TRUE(done) << done.error().message;
+  return fake::tree(folder);
+}
+
+fs::path photo(const fs::path& session, int index) {
+  return session / "photos/cam" / photo_name(index, "", ".tif");
+}
+
+std::size_t photos_in(const fs::path& session) {
+  std::size_t count = 0;
+  for (const auto& [name, bytes] : fake::tree(session)) count += name.ends_with(".tif");
+  return count;
+}
+
+TEST(CaptureSession, StoresWhatTheCameraSawOfEveryFrame) {
+  fake::Scratch scratch("stores");
+  auto room = std::make_shared<Room>();
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(2), listener));
+  const auto session = Session::open(scratch / "s");
+  ASSERT_TRUE(session) << session.error().message;
+  const Sequence sequence = fake::sequence();
+  for (const Frame& frame : sequence.frames) {
+    auto alone = std::make_shared<Room>();
+    Devices devices = fake::devices(alone, fake::rig());
+    for (const auto& [id, size] : sequence.projectors)
+      ASSERT_TRUE(devices.projector(id)->show(render_role(frame.role, id, size[0], size[1]).value()));
+    ASSERT_TRUE(devices.cameras[0]->arm(0));
+    const Exposure expected = devices.cameras[0]->trigger().value();
+    EXPECT_EQ(read_image(photo(scratch / "s", frame.index)).value().values.data(), expected.values.data())
+        << frame.index;
+  }
+  EXPECT_TRUE(fs::exists(scratch / "s/photos/side/0003_4.0ms.tif"));
+  EXPECT_TRUE(fs::exists(scratch / "s/photos/side/0003_12.5ms.tif"));
+  const double total = static_cast<double>(sequence.frames.size());
+  EXPECT_EQ(listener.steps.front(), std::pair(0.0, total));
+  EXPECT_EQ(listener.steps.back(), std::pair(total, total));
+  EXPECT_EQ(listener.said, "");  // nothing was doubted
+}
+
+TEST(CaptureSession, AnyLatencyUpToTheRetakesGivesTheSameSession) {
+  fake::Scratch scratch("latency");
+  const auto expected = undisturbed(scratch / "plain");
+  for (int latency : {1, 2, 3}) {
+    auto room = std::make_shared<Room>();
+    room->latency = latency;
+    const fs::path folder = scratch / std::to_string(latency);
+    const auto done = run(room, folder);
+    ASSERT_TRUE(done) << done.error().message;
+    EXPECT_EQ(fake::tree(folder), expected) << latency;
+  }
+}
+
+TEST(CaptureSession, NoiseIsNeitherTakenForAChangeNorHidesOne) {
+  fake::Scratch scratch("noise");
+  ASSERT_TRUE(undisturbed(scratch / "plain").size());
+  for (int latency : {0, 1}) {
+    auto room = std::make_shared<Room>();
+    room->latency = latency;
+    room->noise = 10000;  // full well of the studies' camera
+    const fs::path folder = scratch / std::to_string(latency);
+    Listener listener;
+    const auto done = run(room, folder, fake::rig(), listener);
+    ASSERT_TRUE(done) << done.error().message;
+    if (latency == 0) EXPECT_EQ(listener.said, "");
+    for (const Frame& frame : fake::sequence().frames) {
+      const Image a = read_image(photo(folder, frame.index)).value().values;
+      const Image b = read_image(photo(scratch / "plain", frame.index)).value().values;
+      double sum = 0;
+      for (std::size_t i = 0; i < a.data().size(); ++i) sum += std::abs(a.data()[i] - b.data()[i]) / 65535;
+      // Noise is at most 0.8 sqrt(.5 / 10000) = .6 % on average; a wrong frame changes .08 (half of a bounced tenth) or
+      // more.
+      EXPECT_LT(sum / static_cast<double>(a.data().size()), 0.008) << frame.index;
+    }
+  }
+}
+
+TEST(CaptureSession, DisplayThatStandsStillIsAnErrorThatNamesTheFrame) {
+  fake::Scratch scratch("frozen");
+  auto room = std::make_shared<Room>();
+  room->frozen_after = 5;  // four shows to settle, white, black: frame 2 is the first that does not appear
+  const auto done = run(room, scratch / "s");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("frame 2 (gray x bit 4"), HasSubstr("camera 'cam'"),
+                                          HasSubstr("4 tries"), HasSubstr("latency"), HasSubstr("display")));
+  EXPECT_EQ(photos_in(scratch / "s"), 2);  // the photos before it are good and kept
+  const auto expected = undisturbed(scratch / "plain");
+  ASSERT_TRUE(run(std::make_shared<Room>(), scratch / "s"));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, DisplayThatNeverChangesLeavesNoPhoto) {
+  fake::Scratch scratch("dead");
+  auto room = std::make_shared<Room>();
+  room->frozen_after = 0;
+  const auto done = run(room, scratch / "s");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("frame 0 (white"), HasSubstr("no camera sees any change")));
+  EXPECT_EQ(photos_in(scratch / "s"), 0);
+}
+
+// Triggers: two to settle, then one a frame. Frame 5 is the inverse of frame 4; five shows ago white was shown.
+TEST(CaptureSession, InverseThatDoesNotAddUpIsRetaken) {
+  fake::Scratch scratch("pair");
+  const auto expected = undisturbed(scratch / "plain");
+  auto room = std::make_shared<Room>();
+  room->wrong[2 + 5] = 2;
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
+  EXPECT_THAT(listener.said, AllOf(HasSubstr("frame 5"), HasSubstr("do not add up to white + black")));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, PartnerOfAPairThatDoesNotAddUpIsRetakenToo) {
+  fake::Scratch scratch("partner");
+  const auto expected = undisturbed(scratch / "plain");
+  auto room = std::make_shared<Room>();
+  room->wrong[2 + 4] = 2;  // frame 4 shows frame 2: a change against frame 3, so only its inverse tells
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
+  EXPECT_THAT(listener.said, HasSubstr("do not add up to white + black"));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, CompleteSessionIsLeftAlone) {
+  fake::Scratch scratch("complete");
+  const auto expected = undisturbed(scratch / "s");
+  auto room = std::make_shared<Room>();
+  ASSERT_TRUE(run(room, scratch / "s"));
+  EXPECT_EQ(room->triggers, 0);
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, ResumeTakesOnlyWhatIsMissing) {
+  fake::Scratch scratch("missing");
+  const auto expected = undisturbed(scratch / "s");
+  fs::remove(photo(scratch / "s", 6));
+  fs::resize_file(photo(scratch / "s", 9), 100);
+  auto room = std::make_shared<Room>();
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
+  EXPECT_EQ(room->triggers, 2 + 2);  // the reference twice, and the two photos
+  EXPECT_THAT(listener.said, AllOf(HasSubstr("0009.tif"), HasSubstr("taken again")));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, MovedCameraIsRefusedAndNothingStoredChanges) {
+  fake::Scratch scratch("moved");
+  undisturbed(scratch / "s");
+  fs::remove(photo(scratch / "s", 12));
+  const auto before = fake::tree(scratch / "s");
+  auto room = std::make_shared<Room>();
+  room->shift_px = 2;
+  const auto done = run(room, scratch / "s");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kRefused);
+  EXPECT_THAT(done.error().message,
+              AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("allowed"), HasSubstr("another folder")));
+  EXPECT_EQ(fake::tree(scratch / "s"), before);
+}
+
+// The child captures and kills itself at its `event`-th show or trigger. True when it was killed.
+bool capture_and_die(const fs::path& folder, const Rig& rig, int event) {
+  const pid_t child = fork();
+  if (child == 0) {
+    auto room = std::make_shared<Room>();
+    room->die_at = event;
+    _exit(run(room, folder, rig) ? 0 : 1);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  EXPECT_TRUE(WIFSIGNALED(status) || WEXITSTATUS(status) == 0);
+  return WIFSIGNALED(status);
+}
+
+TEST(CaptureSession, KilledAtAnyEventItResumesToTheSameBytes) {
+  fake::Scratch scratch("kill");
+  const Rig rig = fake::rig(2);
+  const auto expected = undisturbed(scratch / "plain", rig);
+  bool killed = true;
+  for (int event = 0; killed; event += 5) {
+    const fs::path folder = scratch / std::to_string(event);
+    killed = capture_and_die(folder, rig, event);
+    ASSERT_TRUE(run(std::make_shared<Room>(), folder, rig)) << event;
+    EXPECT_EQ(fake::tree(folder), expected) << event;
+    fs::remove_all(folder);
+  }
+}
+
+TEST(CaptureSession, KilledAgainAndAgainAtAnyMomentItLosesNothing) {
+  fake::Scratch scratch("rekill");
+  const Rig rig = fake::rig(2);
+  const auto expected = undisturbed(scratch / "plain", rig);
+  Random random(hash_name("KilledAgainAndAgain"));
+  std::size_t stored = 0;
+  for (bool done = false; !done;) {
+    const pid_t child = fork();
+    if (child == 0) _exit(run(std::make_shared<Room>(), scratch / "s", rig) ? 0 : 1);
+    usleep(static_cast<useconds_t>(random.uniform(1000, 60000)));
+    kill(child, SIGKILL);
+    int status = 0;
+    waitpid(child, &status, 0);
+    done = WIFEXITED(status);
+    if (done) ASSERT_EQ(WEXITSTATUS(status), 0);
+    const auto files = fs::exists(scratch / "s") ? fake::tree(scratch / "s") : std::map<std::string, std::string>();
+    std::size_t now = 0;
+    for (const auto& [name, bytes] : files)
+      if (name.ends_with(".tif") && name.find("/.") == std::string::npos) {
+        ++now;
+        EXPECT_EQ(bytes, expected.at(name)) << name;
+      }
+    EXPECT_GE(now, stored);
+    stored = now;
+  }
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, SecondProcessIsToldThatTheSessionIsTaken) {
+  fake::Scratch scratch("lock");
+  fs::create_directories(scratch / "s");
+  {
+    const auto lock = FolderLock::take(scratch / "s");
+    ASSERT_TRUE(lock);
+    const auto done = run(std::make_shared<Room>(), scratch / "s");
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, ErrorCode::kRefused);
+    EXPECT_THAT(done.error().message, AllOf(HasSubstr("another process"), HasSubstr((scratch / "s").string())));
+    EXPECT_EQ(photos_in(scratch / "s"), 0);
+  }
+  EXPECT_TRUE(run(std::make_shared<Room>(), scratch / "s"));
+}
+
+TEST(CaptureSession, AnotherRigOrSequenceOrOtherFilesAreNotOverwritten) {
+  fake::Scratch scratch("exists");
+  const auto expected = undisturbed(scratch / "s");
+  Rig other = fake::rig();
+  other.projectors[1].black_level = 0.002;
+  const auto done = run(std::make_shared<Room>(), scratch / "s", other);
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kExists);
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("rig.toml"), HasSubstr("another")));
+  Sequence longer = fake::sequence();
+  longer.frames.push_back({16, longer.frames[0].role});
+  SilentProgress silent;
+  const auto sequence = run(std::make_shared<Room>(), scratch / "s", fake::rig(), silent, longer);
+  ASSERT_FALSE(sequence);
+  EXPECT_THAT(sequence.error().message, HasSubstr("sequence.json"));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+
+  fs::create_directories(scratch / "mine");
+  std::ofstream(scratch / "mine/holiday.png") << "x";
+  const auto foreign = run(std::make_shared<Room>(), scratch / "mine");
+  ASSERT_FALSE(foreign);
+  EXPECT_EQ(foreign.error().code, ErrorCode::kExists);
+  EXPECT_THAT(foreign.error().message, HasSubstr("not a session"));
+  EXPECT_EQ(fake::tree(scratch / "mine").size(), 1);
+}
+
+TEST(CaptureSession, DevicesThatDoNotMatchTheRigAreRefusedBeforeAnythingIsWritten) {
+  fake::Scratch scratch("devices");
+  const Rig rig = fake::rig();
+  SilentProgress silent;
+  const auto expect = [&](const Devices& devices, const Sequence& sequence, ErrorCode code, const std::string& part) {
+    const auto done = capture_session(rig, "", sequence, devices, scratch / "s", kQuick, silent);
+    ASSERT_FALSE(done);
+    EXPECT_EQ(done.error().code, code);
+    EXPECT_THAT(done.error().message, HasSubstr(part));
+    EXPECT_FALSE(fs::exists(scratch / "s"));
+  };
+  Devices devices = fake::devices(std::make_shared<Room>(), rig);
+  devices.cameras.clear();
+  expect(devices, fake::sequence(), ErrorCode::kDevice, "camera 'cam'");
+  devices = fake::devices(std::make_shared<Room>(), rig);
+  devices.projectors.pop_back();
+  expect(devices, fake::sequence(), ErrorCode::kDevice, "projector 'right'");
+  devices.projectors.push_back(std::make_unique<fake::FakeProjector>(std::make_shared<Room>(), "right", 25, 16));
+  expect(devices, fake::sequence(), ErrorCode::kDevice, "25x16");
+  Sequence other = fake::sequence();
+  other.projectors[1].second = {25, 16};
+  expect(devices, other, ErrorCode::kBadValue, "24x16");
+  other.projectors[1].first = "rihgt";
+  expect(devices, other, ErrorCode::kBadValue, "rihgt");
+  other.frames.clear();
+  expect(devices, other, ErrorCode::kBadValue, "no frames");
+}
+
+TEST(CaptureSession, CameraThatFailsIsReportedAndTheSessionResumes) {
+  fake::Scratch scratch("unplugged");
+  const auto expected = undisturbed(scratch / "plain");
+  auto room = std::make_shared<Room>();
+  room->fail_at = 9;
+  const auto done = run(room, scratch / "s");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("unplugged"), HasSubstr("frame 7")));
+  ASSERT_TRUE(run(std::make_shared<Room>(), scratch / "s"));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, TwelveBitNumbersKeepTheirMeaning) {
+  fake::Scratch scratch("bits");
+  undisturbed(scratch / "plain");
+  Rig said = fake::rig();
+  said.cameras[0].full_scale = 4095;
+  for (const Rig& rig : {fake::rig(), said}) {
+    auto room = std::make_shared<Room>();
+    room->full_scale = 4095;
+    const fs::path folder = scratch / (rig.cameras[0].full_scale ? "said" : "unsaid");
+    ASSERT_TRUE(run(room, folder, rig));
+    const auto session = Session::open(folder);
+    const auto plain = Session::open(scratch / "plain");
+    ASSERT_TRUE(session && plain);
+    const Image a = session->photo("cam", 2).value().value, b = plain->photo("cam", 2).value().value;
+    for (std::size_t i = 0; i < a.data().size(); ++i)
+      ASSERT_NEAR(a.data()[i], b.data()[i], 0.6 / 4095);  // half a step of 12 bits, and one of 16
+  }
+}
+
+TEST(WritePatterns, FolderHoldsSequenceAndEveryPictureAsSent) {
+  fake::Scratch scratch("patterns");
+  const Sequence sequence = fake::sequence();
+  ASSERT_TRUE(write_patterns(sequence, scratch / "p"));
+  const auto read = read_sequence(scratch / "p/sequence.json");
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(sequence_text(*read), sequence_text(sequence));
+  for (const Frame& frame : sequence.frames)
+    for (const auto& [id, size] : sequence.projectors) {
+      const auto picture = read_picture((scratch / "p") / fmt::format("{:04}", frame.index) / (id + ".png"));
+      ASSERT_TRUE(picture) << picture.error().message;
+      EXPECT_EQ(picture->data(), render_role(frame.role, id, size[0], size[1])->data());
+    }
+  const auto again = write_patterns(sequence, scratch / "p");
+  ASSERT_FALSE(again);
+  EXPECT_EQ(again.error().code, ErrorCode::kExists);
+}
+
+TEST(WritePatterns, KindThatCannotBeDrawnLeavesNoFolder) {
+  fake::Scratch scratch("nopatterns");
+  Sequence sequence = fake::sequence();
+  sequence.frames[3].role.kind = "hologram";
+  const auto done = write_patterns(sequence, scratch / "p");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kUnsupported);
+  EXPECT_FALSE(fs::exists(scratch / "p"));
+}
+
+}  // namespace
+}  // namespace countershade::capture

@@ -1,0 +1,96 @@
+#include "tools/countershade/verification.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace countershade::tools {
+
+namespace {
+
+// Direct gain of all projectors at a chart point, mean of channels [camera units].
+float total_gain(const solver::Model& model, const ChartPoint& at, const solver::PixelGeometry& pixels, std::size_t pixel) {
+  float sum = 0;
+  for (std::size_t q = 0; q < model.projectors.size(); ++q) {
+    if (std::isnan(pixels.beam[q][pixel].x())) continue;
+    for (int c = 0; c < 3; ++c) sum += solver::sample_chart(model.projectors[q].gain[at.surface], at.u, at.v, c) / 3;
+  }
+  return sum;
+}
+
+double mean_width(const solver::Model& model) {
+  double sum = 0;
+  for (const auto& plane : model.planes) sum += plane->along_u().norm() / static_cast<double>(model.planes.size());
+  return sum;
+}
+
+bool near_crease(const solver::Model& model, const ChartPoint& at, double reach) {
+  for (const Crease& crease : model.screen.creases)
+    for (const auto& [surface, u] : {std::pair{crease.surface_a, crease.u_a}, std::pair{crease.surface_b, crease.u_b}})
+      if (surface == at.surface && std::abs(at.u - u) * model.planes[surface]->along_u().norm() < reach) return true;
+  return false;
+}
+
+Table calibration_table(const CalibrationSummary& s) {
+  Table t{"Calibration", {"what", "value"}, {}};
+  for (const DecodeSummary& d : s.decoded) t.rows.push_back({"decoded by " + d.projector, fmt::format("{:.2f} % of {} lit pixels", 100 * d.accepted, d.lit)});
+  for (std::size_t q = 0; q < s.reprojection_px.size(); ++q) t.rows.push_back({"reprojection of " + s.decoded[q].projector, fmt::format("{:.3f} px rms", s.reprojection_px[q])});
+  for (std::size_t i = 0; i < s.crease_angle_deg.size(); ++i) t.rows.push_back({"edge angle", fmt::format("{:.2f} +- {:.2f} degrees", s.crease_angle_deg[i], s.crease_sigma_deg[i])});
+  t.rows.push_back({"held-out pattern error", fmt::format("{:.3f} % of white (99th percentile {:.3f} %)", 100 * s.held_out_error, 100 * s.held_out_p99)});
+  t.rows.push_back({"chi2 / degrees of freedom", fmt::format("{:.2f}", s.chi2)});
+  t.rows.push_back({"photometric frames", fmt::format("{}", s.frames)});
+  return t;
+}
+
+Table show_table(const Show& show) {
+  const solver::FrameReport& r = show.compensated.report;
+  const char* names[] = {"auto", "copy", "closed form", "clipped"};
+  return {"The show", {"what", "value"},
+          {{"engine", show.engine},
+           {"solver chosen", fmt::format("{} ({} gathers)", names[static_cast<int>(r.used)], r.gathers)},
+           {"strongest scattered light", fmt::format("{:.2f} % of white", 100 * r.largest_indirect)},
+           {"projector pixels clipped", fmt::format("{:.2f} %", 100 * r.clipped_pixels)},
+           {"certificate: error by the model itself", fmt::format("{:.4f} % of white, mean", 100 * r.certificate)},
+           {"one frame", fmt::format("{:.1f} ms", show.milliseconds)}}};
+}
+
+}  // namespace
+
+VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& target) {
+  const solver::Model& model = calibration.model;
+  VerifyMasks masks{Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1), ""};
+  const double reach = mean_width(model) / 6;
+  masks.edge_text = "a sixth of the mean screen width on either side of the crease";
+  const int channels = target.channels();
+  for (std::size_t i = 0; i < pixels.chart.size(); ++i) {
+    const ChartPoint& at = pixels.chart[i];
+    float direct = 0;
+    for (int c = 0; c < channels; ++c) direct += target.data()[i * channels + c] / channels;
+    const bool modelled = at.surface >= 0 && total_gain(model, at, pixels, i) > 0.02 * model.white;
+    masks.modelled.data()[i] = modelled;
+    masks.lit.data()[i] = modelled || direct > 0.02 * model.white;
+    masks.edge.data()[i] = at.surface >= 0 && near_crease(model, at, reach);
+  }
+  return masks;
+}
+
+Result<Verification> report_verification(const Calibration& calibration, const std::filesystem::path& calibration_folder, const solver::PixelGeometry& pixels, const Photographs& photos, const Show* show,
+                                         std::vector<Table> extra, const std::filesystem::path& out) {
+  const VerifyMasks masks = verify_masks(calibration, pixels, photos.target);
+  Report report;
+  report.title = "Countershade verification";
+  report.input = {&photos.uncompensated, &photos.compensated, &photos.target, &masks.lit, &masks.edge, &masks.modelled, masks.edge_text, calibration.model.white, photos.pixel_noise};
+  report.numbers = measure(report.input);
+  report.verdict = judge(report.numbers, {});
+  if (show) report.tables.push_back(show_table(*show));
+  report.tables.push_back(calibration_table(calibration.summary));
+  for (Table& t : extra) report.tables.push_back(std::move(t));
+  for (const DecodeSummary& d : calibration.summary.decoded) {
+    const std::filesystem::path png = calibration_folder / "correspondence" / (calibration.camera_id + "-" + d.projector + "-reasons.png");
+    if (std::filesystem::exists(png)) report.exhibits.push_back({"projector " + d.projector + ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), saturated (white)", png});
+  }
+  report.notes = calibration.summary.notes;
+  CS_TRY_VOID(write_report(out, report));
+  return Verification{report.numbers, report.verdict};
+}
+
+}  // namespace countershade::tools
