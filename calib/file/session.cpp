@@ -165,7 +165,7 @@ Photo merge(const std::vector<Photo>& photos, double reference_ms) {
   for (std::size_t i = 0; i < merged.value.pixels(); ++i) {
     double time = 0, light[3] = {0, 0, 0};
     const auto add = [&](const Photo& photo) {
-      time += 1;
+      time += photo.exposure_ms;
       for (int c = 0; c < channels; ++c) light[c] += photo.value.data()[i * channels + c];
     };
     for (const Photo& photo : photos)

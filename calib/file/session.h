@@ -79,9 +79,9 @@ class Session {
   Sequence sequence_;
 };
 
-// What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel, a projector's
-// to models/<id>.projector.cameramodel where a camera has the same id), simulation.toml where
-// there is one, sequence.json, session.json, photos/. Errors: kBadFile (a model is missing), kIo.
+// What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel, a projector's to
+// models/<id>.projector.cameramodel where a camera has the same id), simulation.toml where there is one, sequence.json,
+// session.json, photos/. Errors: kBadFile (a model is missing), kIo.
 Result<void> write_session_header(const std::filesystem::path& folder, const Rig& rig,
                                   const std::string& simulation_toml, const Sequence& sequence);
 

@@ -142,7 +142,7 @@ Result<Device> read_cameramodel(const std::filesystem::path& path) {
   if (!raw)
     return error(ErrorCode::kBadFile,
                  "'{}' is not a camera model that mrcal can read; give a .cameramodel file that "
-                 "mrcal or `countershade lens` has written",
+                 "mrcal has written",
                  path.string());
   char name[512];
   Result<Device> result = error(ErrorCode::kBadFile, "'{}': its lens model has no name", path.string());
