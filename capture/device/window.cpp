@@ -104,6 +104,8 @@ class WindowProjector final : public Projector {
     draw();
     glfwSwapBuffers(window_);
     gl_.finish();
+    int x = 0, y = 0;
+    glfwGetWindowPos(window_, &x, &y);  // an answer of the window system: it has done what was asked before
     if (const unsigned code = gl_.get_error(); code != 0)
       return error(ErrorCode::kDevice,
                    "projector '{}': OpenGL error {:#x} while showing a picture: check the display's driver", id_, code);

@@ -17,27 +17,28 @@ namespace countershade::capture {
 // Why a camera pixel has no projector pixel; written to reasons.json.
 enum class Reason : std::uint8_t {
   kAccepted = 0,
-  kDark = 1,           // white - black below what noise allows
+  kDark = 1,  // white - black below what noise allows
   kSaturated = 2,
-  kUncertainBit = 3,   // a bit and its inverse differ by less than noise allows
-  kInconsistent = 4,   // the code leaves the projector, or disagrees with its neighbours
-  kIsolated = 5,       // no accepted neighbour supports it
-  kNoCode = 6,         // the sequence has no code of that axis for that projector
-  kIndirect = 7,       // no fine stripe modulates it: this projector lights it only by way of other surfaces
+  kUncertainBit = 3,  // a bit and its inverse differ by less than noise allows
+  kInconsistent = 4,  // the code leaves the projector, or disagrees with its neighbours
+  kIsolated = 5,      // no accepted neighbour supports it
+  kNoCode = 6,        // the sequence has no code of that axis for that projector
+  kIndirect = 7,      // no fine stripe modulates it: this projector lights it only by way of other surfaces
 };
 const std::map<int, std::string>& reason_names();
 
-// Camera-sized maps. x, y [projector px], NaN where rejected or where the axis has no code; sigma [projector px]; reason.
+// Camera-sized maps. x, y [projector px], NaN where rejected or where the axis has no code; sigma [projector px];
+// reason.
 struct Correspondence {
   std::string camera, projector;
   std::array<int, 2> projector_resolution{0, 0};
-  Image x, y, sigma;  // (height, width, 1)
-  Mask reason;        // Reason, (height, width, 1)
+  Image x, y, sigma;                  // (height, width, 1)
+  Mask reason;                        // Reason, (height, width, 1)
   std::size_t lit = 0, accepted = 0;  // pixels that are neither dark nor lit indirectly only, and those decoded
 };
 
 struct DecodeOptions {
-  double min_snr = 4;             // a bit is certain when |bit - inverse| exceeds min_snr sigma of the difference
+  double min_snr = 3;             // a bit is certain when |bit - inverse| exceeds min_snr sigma of the difference
   double dark_fraction = 0.02;    // white - black below this fraction of its 99th percentile is dark
   double min_modulation = 0.04;   // ... and when it exceeds this fraction of white - black
   double fine_modulation = 0.15;  // direct light reaches at least this in one of the four finest stripes of an axis
@@ -46,9 +47,9 @@ struct DecodeOptions {
 // Gives the linear photo of a frame, by its index.
 using PhotoSource = std::function<Result<Photo>(int index)>;
 
-// Gray code with inverse, cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells, the
-// pixel lies on that edge. The position is then refined by a plane through the accepted neighbours that agree, so that
-// quantisation averages out without bridging edges of the scene.
+// Gray code with inverse, cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells,
+// the pixel lies on that edge. The position is then refined by a plane through the accepted neighbours that agree, so
+// that quantisation averages out without bridging edges of the scene.
 Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
                                      const std::string& projector, const DecodeOptions& options, Progress& progress);
 

@@ -2,115 +2,195 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "calib/base/parallel.h"
+#include "capture/pattern/pattern.h"
 
 namespace countershade::capture {
 
 namespace {
 
-constexpr int kRadius = 3, kSide = 2 * kRadius + 1;
+constexpr int kRadius = 3, kSide = 2 * kRadius + 1, kArea = kSide * kSide;
+constexpr int kFewest = 10;  // readings in a window that can support anything
 
-// The decoded values of one window, NaN where nothing was decoded.
+// The readings of one window, NaN where there is none.
 struct Window {
-  std::array<float, kSide * kSide> value;
+  std::array<float, kArea> value;
   int count = 0;
 };
 
-Window window_at(const Image& q, const Mask& reason, int x, int y) {
+Window window_at(const Image& q, int x, int y) {
   Window w;
   w.value.fill(std::numeric_limits<float>::quiet_NaN());
-  for (int dy = -kRadius; dy <= kRadius; ++dy)
-    for (int dx = -kRadius; dx <= kRadius; ++dx) {
-      const int nx = x + dx, ny = y + dy;
-      if (nx < 0 || ny < 0 || nx >= q.width() || ny >= q.height() || reason.at(nx, ny)) continue;
-      w.value[(dy + kRadius) * kSide + dx + kRadius] = q.at(nx, ny);
+  const int x0 = std::max(0, x - kRadius), x1 = std::min(q.width() - 1, x + kRadius);
+  for (int ny = std::max(0, y - kRadius); ny <= std::min(q.height() - 1, y + kRadius); ++ny)
+    for (int nx = x0; nx <= x1; ++nx) {
+      const float value = q.row(ny)[nx];
+      if (!std::isfinite(value)) continue;
+      w.value[(ny - y + kRadius) * kSide + nx - x + kRadius] = value;
       ++w.count;
     }
   return w;
 }
 
-float median(std::array<float, 2 * kSide>& values, int count) {
+template <std::size_t N>
+float median(std::array<float, N>& values, int count) {
   std::nth_element(values.begin(), values.begin() + count / 2, values.begin() + count);
   return values[count / 2];
 }
 
-// Median slope along one direction, from pairs three or more pixels apart. stride: 1 along x, kSide along y.
-bool slope(const Window& w, int stride, int across, float& result) {
-  std::array<float, 2 * kSide> slopes{};
+// Median slope along one direction, from pairs of readings as far apart as the window has enough of: at the border of
+// the photo or of a surface only one side of it is there. stride: 1 along x, kSide along y.
+std::optional<float> slope(const Window& w, int stride, int across) {
+  std::array<float, 4 * kSide> slopes{};
   int count = 0;
-  for (int line = 0; line < kSide; ++line)
-    for (int reach : {kRadius, kRadius - 1}) {
-      const float low = w.value[line * across + (kRadius - reach) * stride], high = w.value[line * across + (kRadius + reach) * stride];
-      if (std::isfinite(low) && std::isfinite(high)) slopes[count++] = (high - low) / (2 * reach);
-    }
-  if (count == 0) return false;
-  result = median(slopes, count);
-  return true;
+  for (int reach = kSide - 1; reach >= kRadius && count < kSide; --reach)
+    for (int line = 0; line < kSide; ++line)
+      for (int start = 0; start + reach < kSide; ++start) {
+        const float low = w.value[line * across + start * stride],
+                    high = w.value[line * across + (start + reach) * stride];
+        if (std::isfinite(low) && std::isfinite(high) && count < static_cast<int>(slopes.size()))
+          slopes[count++] = (high - low) / static_cast<float>(reach);
+      }
+  if (count == 0) return std::nullopt;
+  return median(slopes, count);
 }
 
-// Plane through the agreeing values, at the centre; count of those that agree.
+// Where the window's readings put its centre: their median once the slopes are taken off.
+float centre_of(const Window& w, float gx, float gy) {
+  std::array<float, kArea> level{};
+  int count = 0;
+  for (int dy = -kRadius; dy <= kRadius; ++dy)
+    for (int dx = -kRadius; dx <= kRadius; ++dx) {
+      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
+      if (std::isfinite(value)) level[count++] = value - gx * static_cast<float>(dx) - gy * static_cast<float>(dy);
+    }
+  return median(level, count);
+}
+
+// Plane through the readings that agree with `centre`, at the centre.
 struct Plane {
-  float value = 0, sigma = 0;
+  float value = 0, sigma = 0;  // sigma 0: those that agree do not span a plane
   int agree = 0;
 };
 
-Plane fit(const Window& w, float gx, float gy, float reach) {
-  const float centre = w.value[kRadius * kSide + kRadius];
-  double n = 0, sx = 0, sy = 0, sxx = 0, sxy = 0, syy = 0, sr = 0, sxr = 0, syr = 0, srr = 0;
+// Sums of the least-squares fit r = c + a dx + b dy.
+struct Sums {
+  double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0, r = 0, xr = 0, yr = 0, rr = 0;
+  double edges = 0;  // readings that are a border between two cells
+};
+
+Sums sum_up(const Window& w, float centre, float gx, float gy, float cell) {
+  // Neighbours may round to either side, and borders read half a cell.
+  const float reach = 1.6f * cell;
+  Sums s;
   for (int dy = -kRadius; dy <= kRadius; ++dy)
     for (int dx = -kRadius; dx <= kRadius; ++dx) {
-      const float r = w.value[(dy + kRadius) * kSide + dx + kRadius] - (centre + gx * dx + gy * dy);
+      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
+      const double r = value - (centre + gx * static_cast<float>(dx) + gy * static_cast<float>(dy));
       if (!(std::abs(r) <= reach)) continue;  // NaN never agrees
-      n += 1, sx += dx, sy += dy, sxx += dx * dx, sxy += dx * dy, syy += dy * dy, sr += r, sxr += dx * r, syr += dy * r, srr += r * r;
+      const float in_cells = (value - 0.5f * (cell - 1)) / cell;
+      s.edges += std::abs(in_cells - std::round(in_cells)) > 0.25f;
+      s.n += 1, s.x += dx, s.y += dy, s.xx += dx * dx, s.xy += dx * dy, s.yy += dy * dy;
+      s.r += r, s.xr += dx * r, s.yr += dy * r, s.rr += r * r;
     }
+  return s;
+}
+
+// Readings are rounded to cells. A share e of them are borders, e of a cell wide, the rest cells less their borders, so
+// rounding has the variance cell^2 ((1 - e)^3 + e^3) / 12. What the residuals show of it averages out (they repeat
+// along lines of equal code: two pixels count as one); what they do not show has gone into the plane unseen.
+Plane fit(const Window& w, float centre, float gx, float gy, float cell) {
+  const Sums s = sum_up(w, centre, gx, gy, cell);
   Plane plane;
-  plane.agree = static_cast<int>(n);
-  // Normal equations of r = c + a dx + b dy, by Cramer's rule.
-  const double cx = sxx * syy - sxy * sxy, cy = sxy * sy - sx * syy, cz = sx * sxy - sxx * sy;
-  const double determinant = n * cx + sx * cy + sy * cz;
-  if (n < 6 || determinant < 1e-3 * n * sxx * syy) return plane;
-  const double c = (sr * cx + sxr * cy + syr * cz) / determinant;
+  plane.agree = static_cast<int>(s.n);
+  // Normal equations by Cramer's rule.
+  const double cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
+  const double determinant = s.n * cx + s.x * cy + s.y * cz;
+  if (s.n < 6 || determinant < 1e-3 * s.n * s.xx * s.yy) return plane;
+  const double c = (s.r * cx + s.xr * cy + s.yr * cz) / determinant;
+  const double a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) / determinant;
+  const double b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) / determinant;
+  const double left = std::max(0.0, s.rr - c * s.r - a * s.xr - b * s.yr) / std::max(1.0, s.n - 3);
+  const double e = s.edges / s.n;
+  const double rounding = cell * cell * (std::pow(1 - e, 3) + std::pow(e, 3)) / 12;
   plane.value = static_cast<float>(centre + c);
-  const double rms = std::sqrt(std::max(0.0, srr / n - (sr / n) * (sr / n)));
-  // Rounding errors of neighbours are not independent: along a line of equal code they repeat. Half as many count.
-  plane.sigma = static_cast<float>(std::max(0.02, rms / std::sqrt(std::max(1.0, n / 2))));
+  plane.sigma = static_cast<float>(std::sqrt(2 * left * cx / determinant + std::max(4e-4, rounding - left)));
   return plane;
+}
+
+// Whether a cell within one and a half of q has all the certain bits of the pixel.
+bool confirmed(float q, std::uint32_t code, std::uint32_t uncertain, const AxisReading& reading) {
+  const float cell = static_cast<float>(reading.cell_px);
+  const int nearest = static_cast<int>(std::lround((q - 0.5f * (cell - 1)) / cell));
+  for (int candidate = nearest - 1; candidate <= nearest + 1; ++candidate)
+    if (candidate >= 0 && candidate * reading.cell_px < reading.length_px &&
+        ((gray_from_binary(static_cast<unsigned>(candidate)) ^ code) & ~uncertain) == 0)
+      return true;
+  return false;
+}
+
+// A reading or the completion of one; nothing but the reason where it fails.
+struct Refined {
+  float q = std::numeric_limits<float>::quiet_NaN(), sigma = 0;
+  float scale = 0;  // projector px per camera px
+  Reason reason = Reason::kAccepted;
+};
+
+Refined refine_reading(const Window& w, float read, float cell) {
+  const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
+  if (w.count < kFewest || !gx || !gy) return {.reason = Reason::kIsolated};
+  const Plane plane = fit(w, read, *gx, *gy, cell);
+  if (plane.agree < 6 || plane.agree < 0.3 * w.count) return {.reason = Reason::kInconsistent};
+  // A line of pixels supports it but spans no plane: the reading stays.
+  const float scale = std::hypot(*gx, *gy);
+  if (plane.sigma <= 0) return {read, 0.29f * cell, scale, Reason::kAccepted};
+  return {plane.value, plane.sigma, scale, Reason::kAccepted};
+}
+
+Refined complete(const Window& w, std::size_t i, const AxisReading& reading) {
+  const Refined rejected{.reason = Reason::kUncertainBit};
+  if (w.count < kFewest || 2 * std::popcount(reading.uncertain[i]) > reading.bits) return rejected;
+  const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
+  if (!gx || !gy) return rejected;
+  const auto cell = static_cast<float>(reading.cell_px);
+  const Plane plane = fit(w, centre_of(w, *gx, *gy), *gx, *gy, cell);
+  if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
+  if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
+  return {plane.value, plane.sigma, std::hypot(*gx, *gy), Reason::kAccepted};
+}
+
+// How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
+// and of a pixel beside a surface `ratio` times as bright up to 1 - 1 / ratio of the light is foreign, from about half
+// a pixel off. Ratios below 1.1 are noise and shading.
+float pull_of_surroundings(const Image& contrast, int x, int y) {
+  float brightest = 0;
+  for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
+    for (int nx = std::max(0, x - 2); nx <= std::min(contrast.width() - 1, x + 2); ++nx)
+      brightest = std::max(brightest, contrast.row(ny)[nx]);
+  return 0.8f * std::max(0.0f, 1 - 1.1f * contrast.at(x, y) / brightest);
 }
 
 }  // namespace
 
-void refine_by_neighbours(bool has_x, bool has_y, int cell_px, Correspondence& c) {
-  const Mask before = c.reason;
-  const Image x0 = c.x, y0 = c.y;
-  const float reach = 1.6f * static_cast<float>(cell_px);  // neighbours may round to either side, and edges read half a cell
-  parallel_for(c.reason.height(), [&](int y) {
-    for (int x = 0; x < c.reason.width(); ++x) {
-      if (before.at(x, y)) continue;
-      float sigma = 0;
-      for (int axis = 0; axis < 2; ++axis) {
-        if (axis == 0 ? !has_x : !has_y) continue;
-        const Window w = window_at(axis ? y0 : x0, before, x, y);
-        float gx = 0, gy = 0;
-        Reason why = Reason::kAccepted;
-        Plane plane;
-        if (w.count < 10 || !slope(w, 1, kSide, gx) || !slope(w, kSide, 1, gy)) {
-          why = Reason::kIsolated;
-        } else {
-          plane = fit(w, gx, gy, reach);
-          if (plane.agree < 6 || plane.agree < 0.3 * w.count) why = Reason::kInconsistent;
-        }
-        if (why != Reason::kAccepted) {
-          c.reason.at(x, y) = static_cast<std::uint8_t>(why);
-          break;
-        }
-        if (plane.sigma <= 0) continue;  // a line of pixels supports it but gives no plane: the reading stays
-        (axis ? c.y : c.x).at(x, y) = plane.value;
-        sigma = std::max(sigma, plane.sigma);
-      }
-      if (sigma > 0) c.sigma.at(x, y) = sigma;
+void refine_by_neighbours(AxisReading& reading) {
+  const Image raw = reading.q;
+  parallel_for(raw.height(), [&](int y) {
+    for (int x = 0; x < raw.width(); ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
+      const auto reason = static_cast<Reason>(reading.reason.data()[i]);
+      if (reason != Reason::kAccepted && reason != Reason::kUncertainBit) continue;
+      const Window w = window_at(raw, x, y);
+      const Refined refined = reason == Reason::kAccepted
+                                  ? refine_reading(w, raw.at(x, y), static_cast<float>(reading.cell_px))
+                                  : complete(w, i, reading);
+      reading.q.data()[i] = refined.q;
+      reading.sigma.data()[i] = std::hypot(refined.sigma, refined.scale * pull_of_surroundings(reading.contrast, x, y));
+      reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
     }
   });
 }

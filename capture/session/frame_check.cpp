@@ -9,7 +9,6 @@ namespace countershade::capture {
 
 namespace {
 
-constexpr int kBin = 8;
 constexpr double kSaturation = 0.995;  // of full scale
 
 // Linear light for a stored fraction; an empty table is the identity.
@@ -21,6 +20,7 @@ std::vector<float> linearisation(const CameraSpec& camera) {
 
 struct Accumulated {
   double sum = 0, brightest = 0;
+  double channel[3] = {0, 0, 0};
   std::size_t saturated = 0;
 };
 
@@ -37,7 +37,10 @@ Accumulated accumulate_bin(const Image& stored, int x0, int y0, int bin, double 
         const double fraction = (*p - pedestal) / (full - pedestal);
         saturated = saturated || *p >= kSaturation * full;
         a.brightest = std::max(a.brightest, fraction);
-        a.sum += table.empty() ? fraction : table[std::lround(std::clamp(fraction, 0.0, 1.0) * (table.size() - 1))];
+        const double light =
+            table.empty() ? fraction : table[std::lround(std::clamp(fraction, 0.0, 1.0) * (table.size() - 1))];
+        a.sum += light;
+        a.channel[c] += light;
       }
       a.saturated += saturated;
     }
@@ -47,6 +50,13 @@ Accumulated accumulate_bin(const Image& stored, int x0, int y0, int bin, double 
 
 void check_sizes(const Bins& a, const Bins& b) {
   CS_CHECK(a.light.same_size(b.light.width(), b.light.height()), "binned photos of different sizes");
+}
+
+double percentile(std::vector<double> values, double share) {
+  if (values.empty()) return 0;
+  const auto at = values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), at, values.end());
+  return *at;
 }
 
 double correlation(const std::vector<double>& a, const std::vector<double>& b, double& smaller_deviation) {
@@ -62,18 +72,21 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b, d
 
 }  // namespace
 
-Bins bin_photo(const Image& stored, double full_scale, const CameraSpec& camera) {
+Bins bin_photo(const Image& stored, double full_scale, const CameraSpec& camera, int bin) {
   const double full = camera.full_scale.value_or(full_scale);
   const std::vector<float> table = linearisation(camera);
-  const int bin = std::max(1, std::min({kBin, stored.width(), stored.height()}));
+  bin = std::max(1, std::min({bin, stored.width(), stored.height()}));
   Bins bins;
   bins.light = Image(stored.width() / bin, stored.height() / bin, 1);
+  bins.colour = Image(bins.light.width(), bins.light.height(), stored.channels());
   bins.valid = Mask(bins.light.width(), bins.light.height(), 1, 1);
   std::size_t saturated = 0;
   for (int by = 0; by < bins.light.height(); ++by)
     for (int bx = 0; bx < bins.light.width(); ++bx) {
       const Accumulated a = accumulate_bin(stored, bx * bin, by * bin, bin, camera.pedestal, full, table);
       bins.light.at(bx, by) = static_cast<float>(a.sum / (bin * bin * stored.channels()));
+      for (int c = 0; c < stored.channels(); ++c)
+        bins.colour.at(bx, by, c) = static_cast<float>(a.channel[c] / (bin * bin));
       if (a.saturated) bins.valid.at(bx, by) = 0;
       bins.brightest = std::max(bins.brightest, a.brightest);
       saturated += a.saturated;
@@ -91,8 +104,9 @@ double mean_light(const Bins& bins) {
 double mean_difference(const Bins& a, const Bins& b) {
   check_sizes(a, b);
   double sum = 0;
-  for (std::size_t i = 0; i < a.light.pixels(); ++i) sum += std::abs(a.light.data()[i] - b.light.data()[i]);
-  return sum / std::max<std::size_t>(1, a.light.pixels());
+  const std::size_t count = a.colour.data().size();
+  for (std::size_t i = 0; i < count; ++i) sum += std::abs(a.colour.data()[i] - b.colour.data()[i]);
+  return sum / std::max<std::size_t>(1, count);
 }
 
 std::pair<double, double> change_of_view(const Bins& a, const Bins& b) {
@@ -110,9 +124,10 @@ std::pair<double, double> change_of_view(const Bins& a, const Bins& b) {
 
 PairLaw pair_law(const Bins& white, const Bins& black, const Bins& one, const Bins& other) {
   for (const Bins* b : {&black, &one, &other}) check_sizes(white, *b);
-  double brightest = 0;
   const auto swing = [&](std::size_t i) { return double(white.light.data()[i]) - black.light.data()[i]; };
-  for (std::size_t i = 0; i < white.light.pixels(); ++i) brightest = std::max(brightest, swing(i));
+  std::vector<double> swings(white.light.pixels());
+  for (std::size_t i = 0; i < swings.size(); ++i) swings[i] = swing(i);
+  const double brightest = percentile(std::move(swings), 0.99);  // a hot pixel or a glint is not the measure
   double error = 0, total = 0;
   std::vector<double> ones, others;
   for (std::size_t i = 0; i < white.light.pixels(); ++i) {

@@ -1,4 +1,4 @@
-// What two photos must have to do with each other, judged without geometry: means of 8 x 8 camera pixels.
+// What two photos must have to do with each other, judged without geometry.
 #pragma once
 
 #include <string>
@@ -9,16 +9,19 @@
 
 namespace countershade::capture {
 
-// One exposure, binned. light: (height / 8, width / 8, 1), mean over pixels and channels, linear, 1 = full scale.
+// One exposure, binned. light: (height / bin, width / bin, 1), mean over pixels and channels, linear, 1 = full scale.
 struct Bins {
   Image light;
+  Image colour;          // the same per channel: a change of hue alone is a change
   Mask valid;            // 0 where a bin holds a saturated value
   double brightest = 0;  // largest value, fraction of full scale above the pedestal (stored, not linearised)
   double saturated = 0;  // share of pixels with a saturated channel
 };
 
+// Pixels of a bin that noise hardly touches, in each direction.
+inline constexpr int kCoarse = 8;
 // `stored`: stored numbers, 0..full_scale; pedestal and response are the camera's.
-Bins bin_photo(const Image& stored, double full_scale, const CameraSpec& camera);
+Bins bin_photo(const Image& stored, double full_scale, const CameraSpec& camera, int bin = kCoarse);
 
 double mean_light(const Bins& bins);
 // Mean absolute difference of two binned photos of one size (a Bug otherwise).
@@ -26,7 +29,8 @@ double mean_difference(const Bins& a, const Bins& b);
 // The same after the brightness of b was fitted to a: {difference / mean of a, fitted factor - 1}.
 std::pair<double, double> change_of_view(const Bins& a, const Bins& b);
 
-// Light adds: a pattern and its inverse sum to white + black, in every camera pixel, whatever bounces.
+// Light adds: a pattern and its inverse sum to white + black, in every camera pixel, whatever bounces. Saturated bins
+// and those that the projector hardly lights are left out.
 struct PairLaw {
   double error = 0;        // mean |one + other - white - black| / mean |white - black|
   double correlation = 0;  // of `one` and `other`, each as a fraction of white - black: -1 for a true pair

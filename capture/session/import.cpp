@@ -305,9 +305,8 @@ Result<void> Import::check_order(std::size_t camera) const {
 
 Result<void> Import::check_content() const {
   for (std::size_t c = 0; c < rig_.cameras.size(); ++c) CS_TRY_VOID(check_light(c));
-  CS_TRY_VOID(check_white_seen());
   for (std::size_t c = 0; c < rig_.cameras.size(); ++c) CS_TRY_VOID(check_order(c));
-  return {};
+  return check_white_seen();
 }
 
 Result<void> Import::copy_to(const fs::path& folder) const {

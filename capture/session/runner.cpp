@@ -21,8 +21,8 @@ namespace {
 constexpr double kPredictable = 0.1;
 // A fresh photo shows about all of the predicted change, a stale one none: the line between them.
 constexpr double kShownChange = 0.03;
-// Light adds; noise of four photos, compression of fine stripes and a drifting lamp stay below this, a wrong frame of
-// visible stripes above.
+// Light adds; compression of fine stripes and a drifting lamp stay below this (noise comes on top), a wrong frame whose
+// stripes the camera resolves above.
 constexpr double kPairTolerance = 0.15;
 // A change of the view that an unmoved camera does not make, beside four times its noise.
 constexpr double kMoved = 0.01, kBrightened = 0.1;
@@ -32,6 +32,7 @@ struct CameraSlot {
   const CameraSpec* spec = nullptr;
   std::vector<double> exposures;  // at least one; 0 = the device's default
   double floor = 0;               // mean difference of two photos of the same light, binned
+  double pixel_floor = 0;         // the same of single pixels
   Bins rest;                      // photo of the last settled pictures
 };
 
@@ -78,13 +79,16 @@ class Capture {
   Result<void> start();
   Result<void> check_unmoved(int f, const std::vector<Bins>& now);
   Result<void> take_frame(int f);
+  Result<void> accept(int f, const std::vector<Image>& blocks, const std::vector<Bins>& now,
+                      const std::vector<Shot>& shots, int attempt);
   Result<void> retake(int f);
 
   double noise(std::size_t c, const Bins& light) const;
   std::optional<double> response(std::size_t c, const std::string& projector) const;
-  std::optional<std::string> doubt(int f, const std::vector<Image>& blocks, const std::vector<Shot>& shots) const;
-  std::optional<std::string> stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
-  std::optional<std::string> wrong_pair(int f, const std::vector<Bins>& now) const;
+  std::string stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
+  Bins pixels_of(const Image& stored, std::size_t c) const;
+  Result<Bins> stored_pixels(int f, std::size_t c) const;
+  Result<std::string> wrong_pair(int f, const std::vector<Shot>& shots) const;
   std::vector<Bins> bins_of(int f, const std::vector<Shot>& shots) const;
 
   const Rig& rig_;
@@ -99,6 +103,7 @@ class Capture {
   std::vector<std::vector<std::optional<Bins>>> kept_;  // [frame][camera]
   std::vector<std::array<int, 3>> size_;                // per camera: width, height, channels; 0 = not known yet
   std::vector<Image> shown_;                            // blocks of the pictures of the last accepted photo
+  int shows_ = 1;                                       // how often a picture is shown before its photo
   std::vector<Bins> former_;                            // that photo, per camera
 };
 
@@ -269,7 +274,10 @@ Result<std::vector<Bins>> Capture::settle(const Pictures& pictures) {
   CS_TRY(const std::vector<Shot> two, photograph(first));
   std::vector<Bins> bins;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    cameras_[c].floor = std::max(cameras_[c].floor, mean_difference(one[c].bins, two[c].bins));
+    CameraSlot& camera = cameras_[c];
+    camera.floor = std::max(camera.floor, mean_difference(one[c].bins, two[c].bins));
+    camera.pixel_floor =
+        std::max(camera.pixel_floor, mean_difference(pixels_of(one[c].stored[0], c), pixels_of(two[c].stored[0], c)));
     bins.push_back(two[c].bins);
   }
   shown_ = blocks_of(pictures);
@@ -345,7 +353,8 @@ std::optional<double> Capture::response(std::size_t c, const std::string& projec
   return mean_difference(*white, *black);
 }
 
-std::optional<std::string> Capture::stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const {
+// Why the photos cannot be of the pictures with these blocks; empty when they can.
+std::string Capture::stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const {
   double unknown = 0;  // change of projectors whose light no camera has been seen to answer yet
   std::vector<double> predicted(cameras_.size()), whole(cameras_.size());
   for (std::size_t p = 0; p < blocks.size(); ++p) {
@@ -362,34 +371,49 @@ std::optional<std::string> Capture::stale(const std::vector<Image>& blocks, cons
     const double change = mean_difference(now[c], former_[c]), floor = noise(c, former_[c]);
     any_change = any_change || change > 4 * floor + 0.0005;  // of full scale: nothing decodes below that
     if (unknown < kPredictable && predicted[c] > kPredictable * whole[c] && predicted[c] > 10 * floor &&
-        predicted[c] > 0.001 && change < kShownChange * predicted[c] + 2 * floor)
+        predicted[c] > 0.001 && change < 0 * predicted[c] + 2 * floor)
       return fmt::format(
           "camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
           "about {:.2f} %)",
           cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
   }
-  if (unknown > 0.3 && !any_change) return std::string("no camera sees any change of the projected light");
-  return std::nullopt;
+  if (unknown > 0.3 && !any_change) return "no camera sees any change of the projected light";
+  return "";
 }
 
-std::optional<std::string> Capture::wrong_pair(int f, const std::vector<Bins>& now) const {
+Bins Capture::pixels_of(const Image& stored, std::size_t c) const {
+  return bin_photo(stored, 65535, *cameras_[c].spec, 1);
+}
+
+// First exposure of a frame in single pixels, from its file; empty where that is not stored.
+Result<Bins> Capture::stored_pixels(int f, std::size_t c) const {
+  if (!have_[f][c][0]) return Bins();
+  CS_TRY(const StoredImage photo, read_image(photo_path(f, cameras_[c], 0)));
+  return pixels_of(photo.values, c);
+}
+
+// Why a frame and its inverse cannot both be right; empty when they can.
+Result<std::string> Capture::wrong_pair(int f, const std::vector<Shot>& shots) const {
   const Companions with = companions(sequence_, f);
-  if (with.white < 0 || with.black < 0 || with.inverse < 0) return std::nullopt;
+  if (with.white < 0 || with.black < 0 || with.inverse < 0) return std::string();
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const auto& white = kept_[with.white][c];
-    const auto& black = kept_[with.black][c];
-    const auto& inverse = kept_[with.inverse][c];
-    if (!white || !black || !inverse) continue;
-    const double swing = mean_difference(*white, *black), tolerance = kPairTolerance + 4 * noise(c, *white) / swing;
-    if (swing < 10 * noise(c, *white) || swing < 0.001) continue;  // this camera does not see that projector
-    const PairLaw law = pair_law(*white, *black, *inverse, now[c]);
+    CS_TRY(const Bins white, stored_pixels(with.white, c));
+    CS_TRY(const Bins black, stored_pixels(with.black, c));
+    CS_TRY(const Bins inverse, stored_pixels(with.inverse, c));
+    if (shots[c].stored[0].empty() || white.light.empty() || black.light.empty() || inverse.light.empty()) continue;
+    const double swing = mean_difference(*kept_[with.white][c], *kept_[with.black][c]);
+    if (swing < 10 * noise(c, *kept_[with.white][c]) || swing < 0.001) continue;  // it does not see that projector
+    const PairLaw law = pair_law(white, black, inverse, pixels_of(shots[c].stored[0], c));
+    // Photon noise as in noise(), of single pixels. Four photos add up to 1.4 of it.
+    const double pixel_noise = std::max(cameras_[c].pixel_floor, kCoarse * 0.0025 * std::sqrt(mean_light(white)));
+    const double tolerance = kPairTolerance + 2 * pixel_noise / swing;
     if (law.error > tolerance)
       return fmt::format(
           "camera '{}': it and {} do not add up to white + black ({:.0f} % of the light is wrong, allowed "
           "{:.0f} %)",
           cameras_[c].spec->id, frame_name(with.inverse), 100 * law.error, 100 * tolerance);
   }
-  return std::nullopt;
+  return std::string();
 }
 
 std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const {
@@ -397,13 +421,6 @@ std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const 
   for (std::size_t c = 0; c < cameras_.size(); ++c)
     bins.push_back(shots[c].bins.light.empty() ? *kept_[f][c] : shots[c].bins);
   return bins;
-}
-
-std::optional<std::string> Capture::doubt(int f, const std::vector<Image>& blocks,
-                                          const std::vector<Shot>& shots) const {
-  const std::vector<Bins> now = bins_of(f, shots);
-  if (auto why = stale(blocks, now)) return why;
-  return wrong_pair(f, now);
 }
 
 // ---- frame after frame ----
@@ -419,26 +436,41 @@ Result<void> Capture::retake(int f) {
 Result<void> Capture::take_frame(int f) {
   CS_TRY(const Pictures pictures, pictures_of(f));
   const std::vector<Image> blocks = blocks_of(pictures);
-  for (int attempt = 0;; ++attempt) {
-    CS_TRY_VOID(show(pictures, attempt * options_.retake_wait_ms));
+  for (int attempt = 0, shows = shows_;; ++attempt) {
+    for (int i = 0; i < shows; ++i) CS_TRY_VOID(show(pictures, attempt * options_.retake_wait_ms));
     CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
     const std::vector<Bins> now = bins_of(f, shots);
-    const auto why = doubt(f, blocks, shots);
-    if (!why) {
-      CS_TRY_VOID(store(f, shots));
-      shown_ = blocks;
-      former_ = now;
-      return {};
+    std::string why = stale(blocks, now);
+    const bool is_stale = !why.empty();
+    if (!is_stale) {
+      CS_TRY(why, wrong_pair(f, shots));
     }
+    if (why.empty()) return accept(f, blocks, now, shots, attempt);
     if (attempt >= options_.retakes)
       return error(ErrorCode::kDevice,
                    "{}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
                    "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
                    "stored is kept, and the same command resumes",
-                   *why, attempt + 1, options_.retakes + 1);
-    progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), *why));
-    if (attempt > 0 && wrong_pair(f, now)) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
+                   why, attempt + 1, options_.retakes + 1);
+    progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), why));
+    if (attempt > 0 && !is_stale) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
+    shows = is_stale ? 1 : options_.retakes + 1;  // of a wrong pair nobody knows how late it is
   }
+}
+
+// Stores a frame; when it came late, the next ones are shown as often before they are photographed.
+Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const std::vector<Bins>& now,
+                             const std::vector<Shot>& shots, int attempt) {
+  CS_TRY_VOID(store(f, shots));
+  shown_ = blocks;
+  former_ = now;
+  shows_ = std::min(shows_ + attempt, options_.retakes + 1);
+  if (attempt > 0)
+    progress_.note(
+        fmt::format("the display or the camera is late: from here on each picture is shown {} times before it "
+                    "is photographed",
+                    shows_));
+  return {};
 }
 
 Result<void> Capture::take_missing() {

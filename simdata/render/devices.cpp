@@ -89,7 +89,7 @@ class SimulatedCameraDevice final : public capture::Camera {
     }
     Stage::Cache& cache = stage_->caches[index_];
     if (cache.light.empty() || cache.state != state) cache = {state, look(seen)};
-    const std::uint64_t draw = mix(state) ^ mix(stage_->photos_since_show[index_]++);
+    const std::uint64_t draw = counter_ + 7;
     capture::Exposure exposure = stage_->simulator->expose(index_, cache.light, exposure_ms_, draw);
     exposure.counter = counter_++;
     clock_s_ += exposure_ms_ * 1e-3 + 0.02;  // a device clock that runs on photos alone

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <optional>
 
 #include "calib/base/random.h"
 #include "simdata/room/rooms.h"
@@ -16,10 +17,12 @@ struct Box {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(HUGE_VAL), high = Eigen::Vector2d::Constant(-HUGE_VAL);
 };
 
-Box box_of(const Device& device, const std::vector<Eigen::Vector3d>& points) {
+// None where a point is not in front of the device.
+std::optional<Box> box_of(const Device& device, const std::vector<Eigen::Vector3d>& points) {
   Box box;
   for (const Eigen::Vector3d& x : points) {
     const Eigen::Vector2d q = device.project(x);
+    if (!q.allFinite()) return std::nullopt;
     box.low = box.low.cwiseMin(q), box.high = box.high.cwiseMax(q);
   }
   return box;
@@ -39,8 +42,8 @@ struct Mount {
   double spill = 0.4;  // of its picture over the crease, m along the neighbour, at the height where it is least
 };
 
-// Moves a projector back and turns it until its picture just covers its wall and the spill.
-void place_projector(const Rig& rig, const Simulation& room, bool left, const Mount& mount, SimulatedProjector& p) {
+// Moves a projector back and turns it until its picture just covers its wall and the spill; false where it cannot.
+bool place_projector(const Rig& rig, const Simulation& room, bool left, const Mount& mount, SimulatedProjector& p) {
   const Screen screen = room_screen(room);
   const Surface& wall = *screen.surfaces[left ? 0 : 1];
   const Surface& neighbour = *screen.surfaces[left ? 1 : 0];
@@ -66,7 +69,9 @@ void place_projector(const Rig& rig, const Simulation& room, bool left, const Mo
     Simulation probe = room;
     probe.projectors = {p};
     const Device device = true_projector(probe, rig, p.id).value();
-    const Box box = box_of(device, cover);
+    const auto found = box_of(device, cover);
+    if (!found) return false;
+    const Box& box = *found;
     const double margin = 0.006 * pixels_x;
     const Eigen::Vector2d size = (box.high - box.low) + Eigen::Vector2d::Constant(2 * margin);
     distance *= std::max(size.x() / pixels_x, size.y() / pixels_y);
@@ -74,11 +79,14 @@ void place_projector(const Rig& rig, const Simulation& room, bool left, const Mo
     const double edge = left ? box.high.x() + margin - (pixels_x - 0.5) : box.low.x() - margin + 0.5;
     const double middle = (box.low.y() + box.high.y()) / 2 - (pixels_y - 1) / 2;
     p.target = turned(device, {edge, middle}, distance);
+    if (!std::isfinite(p.target[0]) || !(distance < 20)) return false;
   }
+  return true;
 }
 
-// Turns a camera and sets its focal length so that both walls fill the picture but for a rim of 2 %.
-void aim_camera(const Simulation& room, SimulatedCamera& c) {
+// Turns a camera and sets its focal length so that both walls fill the picture but for a rim of 2 %; false where it
+// cannot.
+bool aim_camera(const Simulation& room, SimulatedCamera& c) {
   const Screen screen = room_screen(room);
   std::vector<Eigen::Vector3d> corners;
   for (const auto& wall : screen.surfaces)
@@ -90,10 +98,13 @@ void aim_camera(const Simulation& room, SimulatedCamera& c) {
     Simulation probe = room;
     probe.cameras = {c};
     const Device device = true_camera(probe, c.id).value();
-    const Box box = box_of(device, corners);
-    c.focal_px *= (0.96 * picture.array() / (box.high - box.low).array()).minCoeff();
-    c.target = turned(device, (box.low + box.high - picture + Eigen::Vector2d::Ones()) / 2, 4);
+    const auto box = box_of(device, corners);
+    if (!box) return false;
+    c.focal_px *= (0.96 * picture.array() / (box->high - box->low).array()).minCoeff();
+    c.target = turned(device, (box->low + box->high - picture + Eigen::Vector2d::Ones()) / 2, 4);
+    if (!std::isfinite(c.target[0]) || !(c.focal_px > 100)) return false;
   }
+  return true;
 }
 
 // What studies hold fixed (sensor, pictures, black level) is the default of the structs.
@@ -134,25 +145,26 @@ void round_numbers(Simulation& s) {
     for (int k = 0; k < 3; ++k) p.position[k] = rounded(p.position[k], 1e-3), p.target[k] = rounded(p.target[k], 1e-3);
 }
 
-// Least distance from the crease, along the neighbour, that the crease-side edge of a picture reaches; 0 where it misses.
-double least_spill(const RigAndRoom& made, bool left) {
+// Least and largest distance from the crease, along the neighbour, that the crease-side edge of a picture reaches.
+std::pair<double, double> spill(const RigAndRoom& made, bool left) {
   const Screen screen = room_screen(made.simulation);
   const ProjectorSpec& spec = made.rig.projectors[left ? 0 : 1];
   const Device device = true_projector(made.simulation, made.rig, spec.id).value();
   const double x = left ? spec.resolution[0] - 0.5 : -0.5;
-  double least = HUGE_VAL;
+  double least = HUGE_VAL, largest = 0;
   int met = 0;
   for (int i = 0; i <= 20; ++i) {
     const ChartPoint hit = screen.intersect(device.ray({x, i / 20.0 * spec.resolution[1] - 0.5}));
     if (hit.surface != (left ? 1 : 0)) continue;
     const Eigen::Vector3d at = screen.point(hit);
     least = std::min(least, std::hypot(at.x(), at.z()));
+    largest = std::max(largest, std::hypot(at.x(), at.z()));
     ++met;
   }
-  return met > 10 ? least : 0;
+  return {met > 10 ? least : 0, largest};
 }
 
-// Every wall corner in the camera's picture, all devices before both walls.
+// Every wall corner in the camera's picture, all devices before both walls, spill of 0.3 to 0.8 m.
 bool usable(const RigAndRoom& made) {
   const Screen screen = room_screen(made.simulation);
   const Device camera = true_camera(made.simulation, made.rig.cameras[0].id).value();
@@ -165,7 +177,11 @@ bool usable(const RigAndRoom& made) {
     for (const ProjectorSpec& p : made.rig.projectors)
       if ((true_projector(made.simulation, made.rig, p.id).value().position() - origin).dot(normal) < 0.2) return false;
   }
-  return least_spill(made, true) >= 0.3 && least_spill(made, false) >= 0.3;
+  for (bool left : {true, false}) {
+    const auto [least, largest] = spill(made, left);
+    if (least < 0.3 || largest > 0.8) return false;
+  }
+  return true;
 }
 
 std::array<double, 3> tinted(Random& random) {
@@ -175,7 +191,7 @@ std::array<double, 3> tinted(Random& random) {
   return tint;
 }
 
-void draw_projector(Random& random, RigAndRoom& made, bool left) {
+bool draw_projector(Random& random, RigAndRoom& made, bool left) {
   SimulatedProjector& p = made.simulation.projectors[left ? 0 : 1];
   p.throw_ratio = rounded(random.uniform(1.0, 1.6), 1e-3);
   const double side = random.uniform() < 0.5 ? -1 : 1;
@@ -188,10 +204,10 @@ void draw_projector(Random& random, RigAndRoom& made, bool left) {
   mount.along = random.uniform(-0.35, 0.35);
   mount.height = random.uniform(-0.2, 0.2);
   mount.spill = random.uniform(0.32, 0.45);
-  place_projector(made.rig, made.simulation, left, mount, p);
+  return place_projector(made.rig, made.simulation, left, mount, p);
 }
 
-RigAndRoom draw_room(Random& random) {
+std::optional<RigAndRoom> draw_room(Random& random) {
   RigAndRoom made = blank();
   Simulation& s = made.simulation;
   s.angle_deg = rounded(random.uniform(80, 110), 0.01);
@@ -203,7 +219,8 @@ RigAndRoom draw_room(Random& random) {
   s.right_rise = rounded(s.left_rise + random.uniform(-0.1, 0.1), 1e-3);
   s.left_albedo = tinted(random);
   s.right_albedo = tinted(random);
-  for (bool left : {true, false}) draw_projector(random, made, left);
+  for (bool left : {true, false})
+    if (!draw_projector(random, made, left)) return std::nullopt;
   SimulatedCamera& c = s.cameras[0];
   const double bearing = random.uniform(-12, 12) * std::numbers::pi / 180, distance = random.uniform(4.2, 5.2);
   c.position = {distance * std::sin(bearing), s.left_rise + random.uniform(0.7, 1.7), distance * std::cos(bearing)};
@@ -211,7 +228,7 @@ RigAndRoom draw_room(Random& random) {
   c.distortion = {rounded(random.uniform(-0.12, 0.02), 1e-4), rounded(random.uniform(-0.01, 0.03), 1e-4),
                   rounded(random.uniform(-5e-4, 5e-4), 1e-6), rounded(random.uniform(-5e-4, 5e-4), 1e-6), 0};
   c.principal = {rounded(959.5 + random.uniform(-12, 12), 0.1), rounded(599.5 + random.uniform(-12, 12), 0.1)};
-  aim_camera(s, c);
+  if (!aim_camera(s, c)) return std::nullopt;
   round_numbers(s);
   return made;
 }
@@ -232,14 +249,15 @@ RigAndRoom default_two_wall() {
   left.throw_ratio = 1.25, left.lens_shift = {0.004, 0.22}, left.roll_deg = 0.8, left.falloff = 0.15;
   right.throw_ratio = 1.1, right.lens_shift = {-0.003, 0.15}, right.roll_deg = -1.1, right.falloff = 0.18;
   right.gain = 0.95;
-  place_projector(made.rig, s, true, {0.12, 0.1, 0.35}, left);
-  place_projector(made.rig, s, false, {-0.2, -0.08, 0.37}, right);
+  bool placed = place_projector(made.rig, s, true, {0.12, 0.1, 0.35}, left);
+  placed &= place_projector(made.rig, s, false, {-0.2, -0.08, 0.37}, right);
   SimulatedCamera& c = s.cameras[0];
   c.position = {0.35, 1.4, 4.5};
   c.roll_deg = 0.7;
   c.distortion = {-0.08, 0.012, 2e-4, -1e-4, 0};
   c.principal = {962.3, 594.1};
-  aim_camera(s, c);
+  placed &= aim_camera(s, c);
+  CS_CHECK(placed, "the default room's devices have their places");
   round_numbers(s);
   return made;
 }
@@ -247,9 +265,10 @@ RigAndRoom default_two_wall() {
 RigAndRoom random_two_wall(std::uint64_t seed) {
   Random random(mix(seed ^ hash_name("two-wall")));
   for (int attempt = 0; attempt < 1000; ++attempt) {
-    RigAndRoom made = draw_room(random);
-    made.simulation.seed = seed % 1000000007;
-    if (usable(made)) return made;
+    auto made = draw_room(random);
+    if (!made || !usable(*made)) continue;
+    made->simulation.seed = seed % 1000000007;
+    return *std::move(made);
   }
   CS_CHECK(false, "no usable room was drawn");
   return {};

@@ -96,7 +96,7 @@ class PixelStep {
 
  private:
   bool pixel(int x, int y, std::size_t i, const std::uint16_t* in, std::uint16_t* out) const {
-    const int surface = map_.surface[i];
+    const auto surface = static_cast<std::size_t>(map_.surface[i]);
     const Array4f S = indirect_[surface].sample(map_.u[i], map_.v[i]);
     const Array4f a = own_.gain[surface].sample(map_.u[i], map_.v[i]);
     const Array4f own = fraction_at(own_, in);

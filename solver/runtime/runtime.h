@@ -19,14 +19,17 @@ class HeadlessContext {
 
 enum class Precision { kHalf, kFloat };  // of the stored form factors
 
-// Needs a current context (headless, or a window's).
+// Needs a current context (headless, or a window's) wherever it is made, used or destroyed; binds what it uses and
+// leaves it bound. The solver decides on the GPU as the CPU reference does (copy, closed form, clipped), without a
+// readback; gathers beyond what the model's contraction can need are not even queued.
 class Runtime {
  public:
-  // Uploads the model. Errors: kDevice: shader errors with file, line and driver string; limits exceeded.
+  // Uploads the model and keeps no reference to it. Errors: kDevice: shader errors with file, line and driver string;
+  // limits exceeded; kUnsupported: more than 16 projectors or 32 surfaces.
   static Result<std::unique_ptr<Runtime>> make(const Model& model, const CompensateOptions& options,
                                                Precision precision);
   virtual ~Runtime() = default;
-  // Sends pictures[q] to the GPU (empty = black), runs reduce, gather(s), pixel step. Does not wait.
+  // Sends pictures[q] to the GPU (empty = black), runs reduce, gather(s), pixel step. Does not wait. kBadValue: a size.
   virtual Result<void> render(std::span<const Picture> pictures) = 0;
   // Texture (RGBA16) that holds the picture of projector q to show.
   virtual unsigned output_texture(int q) const = 0;

@@ -12,14 +12,17 @@ namespace countershade::solver {
 
 using Polygon = std::span<const Eigen::Vector3d>;  // planar, convex, anticlockwise seen from the lit side
 
-// Exact form factor F_ab of two planar convex polygons that see each other fully; parts behind the other's plane are
-// clipped away. Relative error <= 1e-8 for disjoint pairs, 1e-6 for pairs that share an edge or a corner.
+// Exact form factor F_ab of two planar convex polygons: the fraction of the diffuse light leaving a that arrives at b.
+// Parts behind the other's plane are clipped away; 0 for a polygon of no area. Relative error <= 1e-9 while the angle
+// between the lit sides is below 179 degrees, and <= 1e-12 / (1 + cos angle) beyond, where the sum cancels.
 //
-//   A_a F_ab = 1/(2 pi) closed-integral_a closed-integral_b ln r  dx_a . dx_b        (PHYSICS 7)
+//   A_a F_ab = 1/(2 pi) closed-integral_a closed-integral_b ln r  dx_a . dx_b   (Schroeder & Hanrahan 1993; PHYSICS 7)
 double form_factor(Polygon a, Polygon b);
 
-// Fraction of the light arriving at a small area at x with normal n that a uniform polygon b sends (Lambert 1760):
+// Form factor from a small area at x with normal n to b: the fraction of the light leaving it that arrives at b, and
+// the weight of b's uniform radiosity in the irradiance at x (Lambert 1760):
 //   F = 1/(2 pi) sum_edges angle_e (n . gamma_e); the part of b below the horizon of n is clipped away.
+// 0 for x behind b or in b's plane (to 1e-13 of the distance), at b's edges too.
 double point_form_factor(const Eigen::Vector3d& x, const Eigen::Vector3d& n, Polygon b);
 
 // The paper's centre-to-centre formula (baseline): cos cos area_b / (pi r^2).
@@ -31,13 +34,16 @@ double opposite_rectangles(double w, double h, double d);
 // Perpendicular rectangles with a common edge of length l: from the one of depth a to the one of depth b.
 double adjacent_rectangles(double l, double a, double b);
 
-// All patch-to-patch form factors of a screen of planes: F(i, j) = share of the light gathered at i that comes from j in
-// B_i = .. + M_i sum_j F_ij B_j, (P, P). Reciprocal to 1e-12: A_i F_ij = A_j F_ji. Zero within a plane.
-// Requires plane surfaces (a Bug otherwise). No occlusion: planes that hide each other are a matter of a later ladder.
+// All patch-to-patch form factors of a screen of planes, (P, P): F(i, j) is the weight of B_j in the gather
+// B_i = .. + M_i sum_j F_ij B_j, which is the form factor from i to j: the fraction of i's light that arrives at j. So
+// row sums are <= 1, and 1 in a closed room. Reciprocal, A_i F_ij = A_j F_ji, to the rounding of floats (both come from
+// one exchange A_i F_ij). Relative error <= 1e-7, rounding included (3e-8 / (1 + cos angle) for walls flatter than 170
+// degrees). Zero within a plane. Requires plane surfaces (a Bug otherwise). No occlusion: planes that hide each other
+// are a matter of a later ladder.
 enum class FormFactorMethod { kExact, kCentre };
 Eigen::MatrixXf form_factors(const Screen& screen, const Patches& patches, FormFactorMethod method, Progress& progress);
 
-// Point form factors from chart points (the receivers) to all patches: (R, P).
+// Point form factors from chart points (the receivers) to all patches: (R, P). Zero within a plane.
 Eigen::MatrixXf receiver_form_factors(const Screen& screen, const Patches& patches,
                                       const std::vector<ChartPoint>& receivers, Progress& progress);
 

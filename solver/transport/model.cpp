@@ -1,13 +1,12 @@
 #include "solver/transport/model.h"
 
-#include <algorithm>
-#include <cmath>
-
+#include "calib/base/check.h"
 #include "calib/base/parallel.h"
 
 namespace countershade::solver {
 
 std::vector<ChartPoint> receiver_points(const Patches& patches, int receiver_factor) {
+  CS_CHECK(receiver_factor >= 1, "at least one receiver per patch");
   std::vector<ChartPoint> points;
   for (int s = 0; s < patches.surfaces(); ++s) {
     const int nu = patches.nu(s) * receiver_factor, nv = patches.nv(s) * receiver_factor;
@@ -18,6 +17,7 @@ std::vector<ChartPoint> receiver_points(const Patches& patches, int receiver_fac
 }
 
 PixelMap pixel_map(const Device& projector, const Screen& screen) {
+  CS_CHECK(screen.size() <= kMaxSurfaces, "a pixel map has room for fewer surfaces");
   PixelMap map;
   map.width = projector.lens.width(), map.height = projector.lens.height();
   const std::size_t count = static_cast<std::size_t>(map.width) * map.height;
@@ -26,7 +26,7 @@ PixelMap pixel_map(const Device& projector, const Screen& screen) {
   map.v.assign(count, 0.0f);
   parallel_for(map.height, [&](int y) {
     for (int x = 0; x < map.width; ++x) {
-      const ChartPoint at = screen.intersect(projector.ray({x, y}));
+      const ChartPoint at = screen.intersect(projector.ray(Eigen::Vector2d(x, y)));
       const std::size_t i = static_cast<std::size_t>(y) * map.width + x;
       map.surface[i] = static_cast<std::int8_t>(at.surface);
       if (at.surface < 0) continue;
@@ -37,7 +37,9 @@ PixelMap pixel_map(const Device& projector, const Screen& screen) {
   return map;
 }
 
-float sample_chart(const Image& chart, double u, double v, int c) { return sample_bilinear(chart, u * chart.width() - 0.5, v * chart.height() - 0.5, c); }
+float sample_chart(const Image& chart, double u, double v, int c) {
+  return sample_bilinear(chart, u * chart.width() - 0.5, v * chart.height() - 0.5, c);
+}
 
 Radiosity receiver_gain(const Model& model) {
   Radiosity gain(model.receivers(), 3);

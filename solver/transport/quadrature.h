@@ -17,7 +17,8 @@ struct GaussRule {
 // Gauss-Legendre, order 1 to kMaxGaussOrder (a Bug otherwise); exact for polynomials of degree 2 order - 1.
 const GaussRule& gauss_rule(int order);
 
-// Double-exponential quadrature (Takahashi & Mori 1974) of f over [a, b]; f may have integrable singularities at the ends.
+// Double-exponential quadrature (Takahashi & Mori 1974) of f over [a, b]; f may have integrable singularities at the
+// ends.
 template <class F>
 double tanh_sinh(double a, double b, F&& f) {
   constexpr double kStep = 0.1, kReach = 3.4;  // beyond it the weights are below 1e-20

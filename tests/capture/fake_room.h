@@ -13,6 +13,7 @@
 #include <string>
 
 #include "calib/base/random.h"
+#include "calib/file/file.h"
 #include "calib/file/session.h"
 #include "capture/device/device.h"
 
@@ -25,7 +26,8 @@ struct Room {
   double noise = 0;  // photon and read noise of a camera with this full well [e-]; 0 = none
   int shift_px = 0;  // how far the cameras have moved
   double full_scale = 65535;
-  std::map<int, int> wrong;  // trigger number -> how many shows ago the photo was really taken
+  double lamp = 1, flicker = 0;  // brightness of everything, and its change between even and odd photos
+  std::map<int, int> wrong;      // trigger number -> how many shows ago the photo was really taken
   int triggers = 0, events = 0;
   int die_at = -1;   // event (show or trigger) at which the process kills itself
   int fail_at = -1;  // trigger that fails
@@ -55,12 +57,15 @@ class FakeProjector final : public Projector {
   int width_, height_;
 };
 
+inline double mean_of(const Picture& picture) {
+  double sum = 0;
+  for (std::uint16_t value : picture.data()) sum += value / 65535.0;
+  return sum / static_cast<double>(picture.data().size());
+}
+
 // Light of one projector's picture on a camera pixel, 0..1, and a tenth of its mean that bounced.
-inline double light_on(const Picture& picture, int which, int x, int y, int width, int height) {
+inline double light_on(const Picture& picture, double mean, int which, int x, int y, int width, int height) {
   const double u = which == 0 ? x / (0.8 * width) : (x - 0.3 * width) / (0.7 * width), v = (y + 0.5) / height;
-  double mean = 0;
-  for (std::uint16_t value : picture.data()) mean += value / 65535.0;
-  mean /= static_cast<double>(picture.data().size());
   const double bounced = (0.08 + 0.02 * which) * mean;
   if (u < 0 || u >= 1) return bounced;
   const int px = static_cast<int>(u * picture.width()), py = static_cast<int>(v * picture.height());
@@ -90,22 +95,31 @@ class FakeCamera final : public Camera {
     exposure.exposure_ms = exposure_ms_;
     exposure.timestamp_s = number;
     Random random(hash_name(id_) + static_cast<std::uint64_t>(number));
+    const auto pictures = on_screen(ago);
     for (int y = 0; y < height_; ++y)
-      for (int x = 0; x < width_; ++x) exposure.values.at(x, y) = static_cast<float>(value(x, y, ago, random));
+      for (int x = 0; x < width_; ++x) exposure.values.at(x, y) = static_cast<float>(value(x, y, pictures, random));
     return exposure;
   }
 
  private:
-  double value(int x, int y, int ago, Random& random) const {
-    double light = 0.02;  // ambient
-    int which = 0;
+  using Shown = std::vector<std::pair<const Picture*, double>>;  // per projector: picture, mean
+  Shown on_screen(int ago) const {
+    Shown shown;
     for (const auto& [id, pictures] : room_->shown) {
       int last = static_cast<int>(pictures.size()) - 1;
       if (room_->frozen_after >= 0) last = std::min(last, room_->frozen_after);
-      if (last - ago >= 0) light += light_on(pictures[last - ago], which, x + room_->shift_px, y, width_, height_);
-      ++which;
+      const Picture* picture = last - ago >= 0 ? &pictures[last - ago] : nullptr;
+      shown.emplace_back(picture, picture ? mean_of(*picture) : 0);
     }
-    light *= 0.5 * exposure_ms_ / 10;
+    return shown;
+  }
+  double value(int x, int y, const Shown& shown, Random& random) const {
+    double light = 0.02;  // ambient
+    for (std::size_t p = 0; p < shown.size(); ++p)
+      if (shown[p].first)
+        light +=
+            light_on(*shown[p].first, shown[p].second, static_cast<int>(p), x + room_->shift_px, y, width_, height_);
+    light *= 0.5 * exposure_ms_ / 10 * (room_->lamp + (room_->triggers % 2 ? room_->flicker : 0));
     if (room_->noise > 0) light += random.normal() * std::sqrt(light * room_->noise + 25) / room_->noise;
     return std::round(std::clamp(light, 0.0, 1.0) * room_->full_scale);
   }
@@ -147,6 +161,13 @@ inline Sequence sequence() {
   return s;
 }
 
+// Its first four frames: for tests that capture many times.
+inline Sequence short_sequence() {
+  Sequence s = sequence();
+  s.frames.resize(4);
+  return s;
+}
+
 inline Devices devices(const std::shared_ptr<Room>& room, const Rig& rig) {
   Devices all;
   for (std::size_t c = 0; c < rig.cameras.size(); ++c)
@@ -156,11 +177,13 @@ inline Devices devices(const std::shared_ptr<Room>& room, const Rig& rig) {
   return all;
 }
 
-// A folder of this test and process alone, removed at the end.
+// A folder of this test and process alone, removed at the end; in memory where there is a place for that, since
+// hundreds of synced photos would take a minute on a busy disk.
 class Scratch {
  public:
   explicit Scratch(const std::string& name)
-      : path_(std::filesystem::temp_directory_path() / ("countershade-" + name + "-" + std::to_string(getpid()))) {
+      : path_((std::filesystem::is_directory("/dev/shm") ? "/dev/shm" : std::filesystem::temp_directory_path()) /
+              ("countershade-" + name + "-" + std::to_string(getpid()))) {
     std::filesystem::remove_all(path_);
     std::filesystem::create_directories(path_);
   }
@@ -179,12 +202,12 @@ inline std::string bytes_of(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-// Every file below a folder by its relative name, hidden ones too.
+// Hash of every file below a folder by its relative name, hidden ones too.
 inline std::map<std::string, std::string> tree(const std::filesystem::path& folder) {
   std::map<std::string, std::string> files;
   for (const auto& entry : std::filesystem::recursive_directory_iterator(folder))
     files[std::filesystem::relative(entry.path(), folder).string()] =
-        entry.is_regular_file() ? bytes_of(entry.path()) : "";
+        entry.is_regular_file() ? hash_text(bytes_of(entry.path())) : "";
   return files;
 }
 

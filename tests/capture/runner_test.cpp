@@ -36,8 +36,13 @@ Result<void> run(const std::shared_ptr<Room>& room, const fs::path& folder, cons
   return run(room, folder, rig, silent);
 }
 
-std::map<std::string, std::string> undisturbed(const fs::path& folder, const Rig& rig = fake::rig()) {
-  const auto done = run(std::make_shared<Room>(), folder, rig);
+Result<void> run_short(const std::shared_ptr<Room>& room, const fs::path& folder) {
+  SilentProgress silent;
+  return run(room, folder, fake::rig(2), silent, fake::short_sequence());
+}
+
+std::map<std::string, std::string> undisturbed(const fs::path& folder) {
+  const auto done = run(std::make_shared<Room>(), folder);
   EXPECT_TRUE(done) << done.error().message;
   return fake::tree(folder);
 }
@@ -178,6 +183,7 @@ TEST(CaptureSession, ResumeTakesOnlyWhatIsMissing) {
   const auto expected = undisturbed(scratch / "s");
   fs::remove(photo(scratch / "s", 6));
   fs::resize_file(photo(scratch / "s", 9), 100);
+  std::ofstream(scratch / "s/photos/cam/.writing-1-0006.tif") << "killed while it was written";
   auto room = std::make_shared<Room>();
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
@@ -196,18 +202,43 @@ TEST(CaptureSession, MovedCameraIsRefusedAndNothingStoredChanges) {
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kRefused);
-  EXPECT_THAT(done.error().message,
-              AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("allowed"), HasSubstr("another folder")));
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("(allowed 1.0 %)"),
+                                          HasSubstr("another folder")));
   EXPECT_EQ(fake::tree(scratch / "s"), before);
 }
 
+TEST(CaptureSession, LampThatDriftedALittleIsNoMovedCamera) {
+  fake::Scratch scratch("lamp");
+  undisturbed(scratch / "s");
+  fs::remove(photo(scratch / "s", 12));
+  auto room = std::make_shared<Room>();
+  room->lamp = 1.2;
+  const auto done = run(room, scratch / "s");
+  ASSERT_FALSE(done);
+  EXPECT_EQ(done.error().code, ErrorCode::kRefused);
+  EXPECT_THAT(done.error().message, HasSubstr("brightness changed by 20.0 %"));
+  room = std::make_shared<Room>();
+  room->lamp = 1.05;
+  EXPECT_TRUE(run(room, scratch / "s"));
+}
+
+TEST(CaptureSession, FlickerDoesNotMakeAnOldPictureANewOne) {
+  fake::Scratch scratch("flicker");
+  auto room = std::make_shared<Room>();
+  room->flicker = 0.02;
+  room->wrong[2 + 1] = 1;  // the photo of black shows the white before it, two percent brighter
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
+  EXPECT_THAT(listener.said, HasSubstr("frame 1 (black of left): camera 'cam' still shows the former frame"));
+}
+
 // The child captures and kills itself at its `event`-th show or trigger. True when it was killed.
-bool capture_and_die(const fs::path& folder, const Rig& rig, int event) {
+bool capture_and_die(const fs::path& folder, int event) {
   const pid_t child = fork();
   if (child == 0) {
     auto room = std::make_shared<Room>();
     room->die_at = event;
-    _exit(run(room, folder, rig) ? 0 : 1);
+    _exit(run_short(room, folder) ? 0 : 1);
   }
   int status = 0;
   waitpid(child, &status, 0);
@@ -217,13 +248,13 @@ bool capture_and_die(const fs::path& folder, const Rig& rig, int event) {
 
 TEST(CaptureSession, KilledAtAnyEventItResumesToTheSameBytes) {
   fake::Scratch scratch("kill");
-  const Rig rig = fake::rig(2);
-  const auto expected = undisturbed(scratch / "plain", rig);
+  ASSERT_TRUE(run_short(std::make_shared<Room>(), scratch / "plain"));
+  const auto expected = fake::tree(scratch / "plain");
   bool killed = true;
-  for (int event = 0; killed; event += 5) {
+  for (int event = 0; killed; ++event) {
     const fs::path folder = scratch / std::to_string(event);
-    killed = capture_and_die(folder, rig, event);
-    ASSERT_TRUE(run(std::make_shared<Room>(), folder, rig)) << event;
+    killed = capture_and_die(folder, event);
+    ASSERT_TRUE(run_short(std::make_shared<Room>(), folder)) << event;
     EXPECT_EQ(fake::tree(folder), expected) << event;
     fs::remove_all(folder);
   }
@@ -231,14 +262,15 @@ TEST(CaptureSession, KilledAtAnyEventItResumesToTheSameBytes) {
 
 TEST(CaptureSession, KilledAgainAndAgainAtAnyMomentItLosesNothing) {
   fake::Scratch scratch("rekill");
-  const Rig rig = fake::rig(2);
-  const auto expected = undisturbed(scratch / "plain", rig);
+  ASSERT_TRUE(run_short(std::make_shared<Room>(), scratch / "plain"));
+  const auto expected = fake::tree(scratch / "plain");
   Random random(hash_name("KilledAgainAndAgain"));
   std::size_t stored = 0;
-  for (bool done = false; !done;) {
+  int round = 0;
+  for (bool done = false; !done; ++round) {
     const pid_t child = fork();
-    if (child == 0) _exit(run(std::make_shared<Room>(), scratch / "s", rig) ? 0 : 1);
-    usleep(static_cast<useconds_t>(random.uniform(1000, 60000)));
+    if (child == 0) _exit(run_short(std::make_shared<Room>(), scratch / "s") ? 0 : 1);
+    usleep(static_cast<useconds_t>(random.uniform(2e2, 4e3 + 5e2 * round)));  // longer each time: it ends on slow disks
     kill(child, SIGKILL);
     int status = 0;
     waitpid(child, &status, 0);

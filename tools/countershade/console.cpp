@@ -66,18 +66,22 @@ ConsoleProgress::~ConsoleProgress() {
 void ConsoleProgress::step(std::string_view stage, double done, double total) {
   const std::lock_guard lock(mutex_);
   const auto now = Clock::now();
-  if (stage != stage_ || done == 0) begin(stage, now);
   const double share = total > 0 ? std::clamp(done / total, 0.0, 1.0) : 1.0;
+  if (share >= 1 && stage == ended_) return;
+  if (stage != stage_ || done == 0) begin(stage, now);
   const double elapsed = std::chrono::duration<double>(now - start_).count();
   if (mode_ == ConsoleMode::kJson) print_json(done, total, share, elapsed);
   if (mode_ == ConsoleMode::kLines) print_line(share, elapsed);
   if (mode_ == ConsoleMode::kBar) draw(share, elapsed, now);
-  if (share >= 1) end(now);
+  if (share < 1) return;
+  end(now);
+  ended_ = stage;
 }
 
 void ConsoleProgress::begin(std::string_view stage, Clock::time_point now) {
   end(now);
   stage_ = stage;
+  ended_.clear();
   start_ = now;
   drawn_ = {};
   printed_ = -1;

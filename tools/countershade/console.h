@@ -57,6 +57,7 @@ class ConsoleProgress final : public Progress {
   std::unique_ptr<spdlog::logger> logger_;
   mutable std::mutex mutex_;
   std::string stage_;  // empty: none runs
+  std::string ended_;  // the last one that reached its total: saying so again changes nothing
   Clock::time_point start_, drawn_;
   int printed_ = -1;  // tenths or percent of the stage that were printed last
   bool drawing_ = false;

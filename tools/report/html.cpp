@@ -202,7 +202,7 @@ std::string bars_html(const VerifyNumbers& n) {
     bars.push_back({name + ", comp.", z.compensated.mean_grey, text(z.compensated.mean_grey), "var(--comp)"});
   };
   add("everything lit", n.all);
-  add("needs no clipping", n.unclipped);
+  add("unclipped", n.unclipped);
   add("edge zone", n.edge);
   return "<div class='panel'><h3>Mean distance from the target</h3>" + bars_svg(bars, "grey levels of 255") + "</div>";
 }
@@ -210,7 +210,7 @@ std::string bars_html(const VerifyNumbers& n) {
 std::string plots_html(const Report& r) {
   return "<h2>Residuals</h2><div class='grid2'><div class='panel'><h3>How often which difference occurs</h3>" +
          histogram_svg(r.numbers) +
-         "<p class='lead'>8 \u00d7 8 pixel blocks, each channel; the outermost bins collect what lies "
+         "<p class='small'>8 \u00d7 8 pixel blocks, each channel; the outermost bins collect what lies "
          "beyond.</p></div>" +
          bars_html(r.numbers) + profile_html(r) + "</div>";
 }

@@ -22,6 +22,21 @@ void put(Image& out, std::size_t pixel, const Rgb& rgb) {
   for (int c = 0; c < 3; ++c) out.data()[3 * pixel + c] = static_cast<float>(255 * rgb[c]);
 }
 
+// 255 sRGB of 0..1 at equal steps: a picture has millions of values. Nearest entry: off by .05 grey levels at most.
+std::vector<float> srgb_table() {
+  std::vector<float> table(65536);
+  for (std::size_t i = 0; i < table.size(); ++i)
+    table[i] = static_cast<float>(255 * srgb_encode(static_cast<double>(i) / 65535));
+  return table;
+}
+
+// The diverging scale at equal steps from -1 to 1, finer than 8 bits can show.
+std::vector<Rgb> diverging_table() {
+  std::vector<Rgb> table(2001);
+  for (std::size_t i = 0; i < table.size(); ++i) table[i] = diverging(static_cast<double>(i) / 1000 - 1);
+  return table;
+}
+
 int reduction(int width, int max_width) {
   return std::max(1, (width + max_width - 1) / max_width);
 }
@@ -29,22 +44,23 @@ int reduction(int width, int max_width) {
 }  // namespace
 
 Image as_seen(const Image& light, double white) {
+  const std::vector<float> table = srgb_table();
   Image out(light.width(), light.height(), 3);
   const int channels = light.channels();
-  for (std::size_t i = 0; i < light.pixels(); ++i) {
-    Rgb rgb{};
+  const float scale = static_cast<float>(65535 / white);
+  for (std::size_t i = 0; i < light.pixels(); ++i)
     for (int c = 0; c < 3; ++c) {
       const float value = light.data()[i * channels + (channels == 3 ? c : 0)];
-      rgb[c] = std::isfinite(value) ? srgb_encode(value / white) : 0.5;
+      const bool known = std::isfinite(value);
+      out.data()[3 * i + c] = known ? table[std::lround(std::clamp(value * scale, 0.0f, 65535.0f))] : 127.5f;
     }
-    put(out, i, rgb);
-  }
   return out;
 }
 
 Image signed_difference(const Image& a, const Image& b, const Mask& shown, double white, double reach_percent) {
   CS_CHECK(b.same_size(a.width(), a.height()) && b.channels() == a.channels(), "images of one shape");
   CS_CHECK(shown.same_size(a.width(), a.height()), "mask of the images' size");
+  const std::vector<Rgb> scale = diverging_table();
   Image out(a.width(), a.height(), 3);
   const int channels = a.channels();
   for (std::size_t i = 0; i < a.pixels(); ++i) {
@@ -55,15 +71,16 @@ Image signed_difference(const Image& a, const Image& b, const Mask& shown, doubl
       if (std::isnan(d)) break;
     }
     const bool known = shown.data()[i] && std::isfinite(farthest);
-    put(out, i, known ? diverging(100 * farthest / white / reach_percent) : kNotShown);
+    const double position = known ? std::clamp(100 * farthest / white / reach_percent, -1.0, 1.0) : 0;
+    put(out, i, known ? scale[std::lround(1000 * (position + 1))] : kNotShown);
   }
   return out;
 }
 
 std::string difference_legend(double reach) {
   constexpr int kSteps = 64;
-  constexpr double kLeft = 34, kWidth = 480;
-  std::string out = "<svg viewBox='0 0 548 40' role='img' class='legend'>";
+  constexpr double kLeft = 24, kWidth = 312;
+  std::string out = "<svg viewBox='0 0 360 40' role='img' class='legend'>";
   for (int i = 0; i < kSteps; ++i)
     out += fmt::format("<rect x='{:.2f}' y='2' width='{:.2f}' height='14' fill='{}'/>", kLeft + kWidth * i / kSteps,
                        kWidth / kSteps + 0.6, css_colour(diverging((2 * i + 1.0) / kSteps - 1)));
@@ -107,7 +124,7 @@ Result<std::string> png_bytes(const Image& values) {
             static_cast<unsigned char>(std::lround(std::clamp(values.at(x, y, c), 0.0f, 255.0f)));
   std::vector<unsigned char> bytes;
   try {
-    if (!cv::imencode(".png", pixels, bytes, {cv::IMWRITE_PNG_COMPRESSION, 6}))
+    if (!cv::imencode(".png", pixels, bytes, {cv::IMWRITE_PNG_COMPRESSION, 2}))
       return error(ErrorCode::kIo, "a picture of {} x {} pixels cannot be encoded as PNG", values.width(),
                    values.height());
   } catch (const cv::Exception& reason) {

@@ -9,7 +9,8 @@ namespace countershade::tools {
 
 namespace {
 
-constexpr double kLeft = 58, kRight = 14, kTop = 34, kBottom = 46;
+constexpr double kLeft = 58, kRight = 14, kTop = 44, kBottom = 46;
+constexpr double kLetter = 8.2;  // width of a letter on a narrow screen, where text is set larger
 
 std::string tick_text(double value, double step) {
   if (std::abs(value) < 1e-9 * std::abs(step)) return "0";
@@ -135,6 +136,11 @@ std::string curve(const Series& s, const Frame& f) {
                      s.colour, s.dashed ? " stroke-dasharray='5 4'" : "");
 }
 
+// Bytes that begin a letter in UTF-8.
+double letters(const std::string& text) {
+  return static_cast<double>(std::count_if(text.begin(), text.end(), [](char c) { return (c & 0xc0) != 0x80; }));
+}
+
 std::string legend(const std::vector<Series>& series) {
   std::string out;
   double x = kLeft;
@@ -147,7 +153,7 @@ std::string legend(const std::vector<Series>& series) {
       out += fmt::format("<line x1='{:.1f}' y1='16' x2='{:.1f}' y2='16' stroke='{}' stroke-width='2.4'{}/>", x, x + 18,
                          s.colour, s.dashed ? " stroke-dasharray='5 4'" : "");
     out += text(x + 24, 20, "axis", "start", s.name);
-    x += 24 + 6.9 * static_cast<double>(s.name.size()) + 22;
+    x += 24 + kLetter * letters(s.name) + 16;
   }
   return out;
 }
@@ -156,7 +162,7 @@ std::string band(const Band& b, const Frame& f) {
   const double from = f.x(std::clamp(b.from, f.x_low, f.x_high)), to = f.x(std::clamp(b.to, f.x_low, f.x_high));
   return fmt::format("<rect x='{:.1f}' y='{:.1f}' width='{:.1f}' height='{:.1f}' class='band'/>", from, kTop, to - from,
                      f.bottom() - kTop) +
-         text((from + to) / 2, kTop + 13, "tick", "middle", b.name);
+         text((from + to) / 2, kTop - 5, "tick", "middle", b.name);
 }
 
 bool has_data(const std::vector<Series>& series) {
@@ -166,8 +172,8 @@ bool has_data(const std::vector<Series>& series) {
   return false;
 }
 
-std::string opened(int width, int height) {
-  return fmt::format("<svg viewBox='0 0 {} {}' role='img' class='plot'>", width, height);
+std::string opened(int width, int height, const char* style) {
+  return fmt::format("<svg viewBox='0 0 {} {}' role='img' class='{}'>", width, height, style);
 }
 
 }  // namespace
@@ -208,7 +214,7 @@ std::string escaped(const std::string& plain) {
 
 std::string plot_svg(const std::vector<Series>& series, const PlotOptions& o) {
   const Frame f = frame_of(series, o);
-  std::string out = opened(o.width, o.height);
+  std::string out = opened(o.width, o.height, "plot");
   for (const Band& b : o.bands) out += band(b, f);
   out += y_axis(f);
   for (const Series& s : series) out += s.bars ? bars(s, f) : curve(s, f);
@@ -228,12 +234,12 @@ std::string plot_svg(const std::vector<Series>& series, const std::string& x_tit
 }
 
 std::string bars_svg(const std::vector<Bar>& bars, const std::string& x_title) {
-  constexpr double kLabels = 190, kRow = 26, kWidth = 640, kValues = 90;
+  constexpr double kLabels = 165, kRow = 26, kWidth = 480, kValues = 60;
   double largest = 0;
   for (const Bar& b : bars)
     if (std::isfinite(b.value)) largest = std::max(largest, b.value);
   const double height = kRow * static_cast<double>(bars.size()) + 30;
-  std::string out = opened(static_cast<int>(kWidth), static_cast<int>(height));
+  std::string out = opened(static_cast<int>(kWidth), static_cast<int>(height), "bars");
   double y = 4;
   for (const Bar& b : bars) {
     const double share = largest > 0 && std::isfinite(b.value) ? std::max(0.0, b.value / largest) : 0;

@@ -21,6 +21,7 @@ header{display:flex;gap:20px;align-items:center;flex-wrap:wrap}
 header div{flex:1 1 320px}
 .badge{color:#fff;font-weight:700;font-size:1.35rem;letter-spacing:.05em;border-radius:10px;padding:8px 22px}
 .badge.pass{background:var(--good)}.badge.fail{background:var(--bad)}
+.small{color:var(--soft);font-size:.88rem}
 .cards{display:grid;gap:14px;grid-template-columns:repeat(auto-fit,minmax(235px,1fr));margin:22px 0 0}
 .card{background:var(--card);border:1px solid var(--line);border-top:4px solid var(--line);border-radius:10px;
 padding:14px 18px}
@@ -32,7 +33,7 @@ padding:14px 18px}
 .box.warn{border-left-color:var(--warn);background:var(--warn-back)}
 .box ul{margin:4px 0;padding-left:20px}
 .grid3{display:grid;gap:16px;grid-template-columns:repeat(auto-fit,minmax(min(300px,100%),1fr))}
-.grid2{display:grid;gap:20px;grid-template-columns:repeat(auto-fit,minmax(min(440px,100%),1fr))}
+.grid2{display:grid;gap:20px;grid-template-columns:repeat(auto-fit,minmax(min(440px,100%),1fr));align-items:start}
 figure{margin:0}
 figure img{width:100%;height:auto;display:block;border-radius:6px;border:1px solid var(--line)}
 figcaption{font-size:.9rem;color:var(--soft);padding:6px 2px 0}
@@ -49,7 +50,7 @@ th{color:var(--soft);font-weight:600;font-size:.86rem}
 .numbers .zone td{font-weight:650;padding-top:14px;text-align:left}
 .numbers .shown td:nth-child(n+2){color:var(--comp);font-weight:600}
 svg{width:100%;height:auto;display:block}
-.legend{max-width:548px;margin:6px 0 2px}
+.legend{max-width:420px;margin:6px 0 2px}
 .tick{font-size:12px;fill:var(--soft)}.axis{font-size:13px;fill:var(--ink)}
 .grid{stroke:var(--line);stroke-width:.8}.frame{stroke:var(--soft);stroke-width:1}.band{fill:var(--band)}
 details summary{cursor:pointer;color:var(--soft)}

@@ -1,0 +1,156 @@
+#include "simdata/room/rooms.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace countershade {
+namespace {
+
+using simdata::RigAndRoom;
+
+double crease_distance(const Screen& screen, const ChartPoint& at) {
+  const Eigen::Vector3d x = screen.point(at);
+  return std::hypot(x.x(), x.z());
+}
+
+// Range of the distance from the crease, along the neighbour, that a picture's crease-side edge column reaches.
+std::pair<double, double> spill(const RigAndRoom& made, int q) {
+  const Screen screen = simdata::room_screen(made.simulation);
+  const ProjectorSpec& spec = made.rig.projectors[q];
+  const Device device = *simdata::true_projector(made.simulation, made.rig, spec.id);
+  double least = 100, largest = 0;
+  int met = 0;
+  for (int row = 0; row < spec.resolution[1]; ++row) {
+    const ChartPoint hit = screen.intersect(device.ray({q == 0 ? spec.resolution[0] - 1. : 0., 1. * row}));
+    if (hit.surface != 1 - q) continue;
+    least = std::min(least, crease_distance(screen, hit));
+    largest = std::max(largest, crease_distance(screen, hit));
+    ++met;
+  }
+  return {met > spec.resolution[1] / 2 ? least : 0, largest};
+}
+
+double covered(const RigAndRoom& made, int q) {
+  const Screen screen = simdata::room_screen(made.simulation);
+  const Device device = *simdata::true_projector(made.simulation, made.rig, made.rig.projectors[q].id);
+  int inside = 0;
+  for (int j = 0; j < 60; ++j)
+    for (int i = 0; i < 60; ++i) inside += device.lens.contains(device.project(screen.surfaces[q]->point((i + .5) / 60, (j + .5) / 60)));
+  return inside / 3600.;
+}
+
+TEST(RoomScreen, WallsMeetInTheCreaseAtTheStatedAngleAndFaceTheAudience) {
+  Simulation s;
+  s.angle_deg = 97;
+  s.left_size = {3, 2};
+  s.right_size = {2.6, 2.1};
+  s.left_rise = .1, s.right_rise = -.05;
+  const Screen screen = simdata::room_screen(s);
+  const Eigen::Vector3d left = screen.surfaces[0]->point(0, 0) - screen.surfaces[0]->point(1, 0);
+  const Eigen::Vector3d right = screen.surfaces[1]->point(1, 0) - screen.surfaces[1]->point(0, 0);
+  EXPECT_NEAR(std::acos(left.normalized().dot(right.normalized())) * 180 / std::numbers::pi, 97, 1e-9);
+  EXPECT_NEAR(left.norm(), 3, 1e-12);
+  EXPECT_NEAR(right.norm(), 2.6, 1e-12);
+  EXPECT_LT(left.x(), 0);
+  EXPECT_NEAR((screen.surfaces[0]->point(1, .5) - Eigen::Vector3d(0, 1.1, 0)).norm(), 0, 1e-12);
+  EXPECT_NEAR((screen.surfaces[1]->point(0, 1) - Eigen::Vector3d(0, 2.05, 0)).norm(), 0, 1e-12);
+  for (const auto& wall : screen.surfaces)
+    EXPECT_GT(wall->normal(.5, .5).dot(Eigen::Vector3d(0, 1, 5) - wall->point(.5, .5)), 0);
+}
+
+TEST(RoomScreen, CreaseIsListedOnlyWhereTheWallsShareTheirHeights) {
+  Simulation s;
+  const Screen screen = simdata::room_screen(s);
+  ASSERT_EQ(screen.creases.size(), 1u);
+  const Crease& crease = screen.creases[0];
+  for (double v : {0., .3, 1.})
+    EXPECT_NEAR((screen.surfaces[0]->point(crease.u_a, v) - screen.surfaces[1]->point(crease.u_b, v)).norm(), 0, 1e-12);
+  s.right_rise = .1;
+  EXPECT_TRUE(simdata::room_screen(s).creases.empty());
+}
+
+// Throw ratio = distance / picture width, shift = the picture's centre from the lens axis in picture sizes, right and
+// down positive: by their definitions, on a screen perpendicular to the axis.
+TEST(TrueProjector, ThrowAndLensShiftAreWhatTheirDefinitionsSay) {
+  RigAndRoom made = simdata::default_two_wall();
+  SimulatedProjector& p = made.simulation.projectors[1];
+  p.throw_ratio = 1.4;
+  p.lens_shift = {.07, -.2};
+  const Device device = *simdata::true_projector(made.simulation, made.rig, "right");
+  const auto at = [&](double x, double y) {
+    const Eigen::Vector3d d = device.lens.unproject({x, y});
+    return Eigen::Vector2d(2.8 * d.x() / d.z(), 2.8 * d.y() / d.z());
+  };
+  const Eigen::Vector2d first = at(-.5, -.5), last = at(1279.5, 799.5), centre = at(639.5, 399.5);
+  EXPECT_NEAR(last.x() - first.x(), 2.8 / 1.4, 1e-9);
+  EXPECT_NEAR(last.y() - first.y(), 2.8 / 1.4 * 800 / 1280, 1e-9);
+  EXPECT_NEAR(centre.x(), .07 * 2, 1e-9);
+  EXPECT_NEAR(centre.y(), -.2 * 1.25, 1e-9);
+}
+
+TEST(TrueDevices, UnknownIdsAreNamed) {
+  const RigAndRoom made = simdata::default_two_wall();
+  EXPECT_EQ(simdata::true_camera(made.simulation, "nobody").error().code, ErrorCode::kBadValue);
+  EXPECT_NE(simdata::true_projector(made.simulation, made.rig, "middle").error().message.find("middle"), std::string::npos);
+}
+
+TEST(DefaultRoom, EachProjectorCoversItsWallAndSpillsThirtyToFiftyCentimetres) {
+  const RigAndRoom made = simdata::default_two_wall();
+  for (int q = 0; q < 2; ++q) {
+    const auto [least, largest] = spill(made, q);
+    EXPECT_GE(least, .3) << q;
+    EXPECT_LE(largest, .51) << q;
+    EXPECT_GE(covered(made, q), .995) << q;
+    EXPECT_LE(std::abs(made.simulation.projectors[q].lens_shift[0]), .005);
+  }
+}
+
+TEST(DefaultRoom, CameraSeesBothWallsWhole) {
+  const RigAndRoom made = simdata::default_two_wall();
+  const Device camera = *simdata::true_camera(made.simulation, "camera");
+  const Screen screen = simdata::room_screen(made.simulation);
+  double low = 1e9, high = -1e9;
+  for (const auto& wall : screen.surfaces)
+    for (double u : {0., 1.})
+      for (double v : {0., 1.}) {
+        const Eigen::Vector2d q = camera.project(wall->point(u, v));
+        EXPECT_TRUE(camera.lens.contains(q)) << q.transpose();
+        low = std::min(low, q.x()), high = std::max(high, q.x());
+      }
+  EXPECT_GT(high - low, .9 * 1920);
+}
+
+TEST(RandomRooms, SpillAndCoverTheirWallsAndStayInTheirRanges) {
+  for (std::uint64_t seed = 1; seed <= 25; ++seed) {
+    const RigAndRoom made = simdata::random_two_wall(seed);
+    const Simulation& s = made.simulation;
+    for (int q = 0; q < 2; ++q) {
+      EXPECT_GE(spill(made, q).first, .3) << seed << " " << q;
+      EXPECT_GE(covered(made, q), .995) << seed << " " << q;
+      EXPECT_GE(s.projectors[q].throw_ratio, 1.0);
+      EXPECT_LE(s.projectors[q].throw_ratio, 1.6);
+      EXPECT_LE(std::abs(s.projectors[q].lens_shift[1]), .3);
+      EXPECT_FALSE(made.rig.projectors[q].throw_ratio) << "no prior is stated";
+    }
+    EXPECT_GE(s.angle_deg, 80);
+    EXPECT_LE(s.angle_deg, 110);
+    for (const auto& size : {s.left_size, s.right_size}) {
+      EXPECT_GE(size[0], 2.4); EXPECT_LE(size[0], 3.6);
+      EXPECT_GE(size[1], 1.8); EXPECT_LE(size[1], 2.4);
+    }
+    for (const auto& albedo : {s.left_albedo, s.right_albedo})
+      for (double a : albedo) EXPECT_NEAR(a, .775, .0751);
+    EXPECT_NE(s.left_size, s.right_size);
+    EXPECT_NE(s.left_albedo, s.right_albedo);
+  }
+}
+
+TEST(RandomRooms, SameSeedSameRoomOtherSeedOtherRoom) {
+  EXPECT_EQ(simulation_text(simdata::random_two_wall(5).simulation), simulation_text(simdata::random_two_wall(5).simulation));
+  EXPECT_NE(simulation_text(simdata::random_two_wall(5).simulation), simulation_text(simdata::random_two_wall(6).simulation));
+}
+
+}  // namespace
+}  // namespace countershade
