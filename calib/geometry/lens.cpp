@@ -38,23 +38,42 @@ Eigen::Vector2d distort(const double* d, int count, const Eigen::Vector2d& n, Ei
           y * radial + k[2] * (r2 + 2 * y * y) + 2 * k[3] * x * y};
 }
 
+// Distance from the axis up to which the radial part of distort grows: up to a fold, or a pole of the quotient.
+double fold_radius(const double* d, int count) {
+  constexpr double kStep = 1e-3, kFarthest = 20;  // 20 = 87 degrees off the axis
+  double radial[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+  for (int i = 0; i < count; ++i) radial[i] = i == 2 || i == 3 ? 0 : d[i];
+  double before = 0;
+  for (int i = 1; i * kStep < kFarthest; ++i) {
+    const double r = i * kStep;
+    Eigen::Matrix2d J;
+    const double now = distort(radial, 8, {r, 0}, &J).x();
+    if (!(now > before) || !(J(0, 0) > 0)) return r;
+    before = now;
+  }
+  return std::numeric_limits<double>::infinity();
+}
+
 // Inverse of distort: Newton's method from the axis, with steps halved until they help, so that it stays where the
 // distortion does not fold. NaN where no point there is distorted to `wanted`.
-Eigen::Vector2d undistort(const double* d, int count, const Eigen::Vector2d& wanted) {
+Eigen::Vector2d undistort(const double* d, int count, double fold, const Eigen::Vector2d& wanted) {
   Eigen::Vector2d n(0, 0), residual = -wanted;
   Eigen::Matrix2d J = Eigen::Matrix2d::Identity();  // on the axis
   for (int i = 0; i < 60; ++i) {
     const Eigen::Vector2d step = J.inverse() * residual;
     if (residual.squaredNorm() < 1e-20) return n - step;  // converges quadratically: now exact to rounding
+    bool nearer = false;
     double length = 1;
-    for (; length > 1e-6; length /= 2) {
+    for (int halving = 0; halving < 20 && !nearer; ++halving, length /= 2) {
       Eigen::Matrix2d slope;
       const Eigen::Vector2d trial = n - length * step, left = distort(d, count, trial, &slope) - wanted;
-      if (!(slope.determinant() > 0) || !(left.squaredNorm() < residual.squaredNorm())) continue;
+      if (!(trial.squaredNorm() < fold * fold) || !(slope.determinant() > 0) ||
+          !(left.squaredNorm() < residual.squaredNorm()))
+        continue;
       n = trial, residual = left, J = slope;
-      break;
+      nearer = true;
     }
-    if (length <= 1e-6) break;
+    if (!nearer) break;
   }
   return {kNaN, kNaN};
 }
@@ -95,8 +114,9 @@ Result<Lens> Lens::make(const std::string& model, std::vector<double> intrinsics
                  intrinsics[1]);
   Lens lens;
   lens.model_ = model;
-  lens.distortions_ = own_parameters(model);
   lens.intrinsics_ = std::move(intrinsics);
+  lens.distortions_ = own_parameters(model);
+  if (lens.distortions_ > 0) lens.fold_ = fold_radius(lens.intrinsics_.data() + 4, lens.distortions_);
   lens.width_ = width;
   lens.height_ = height;
   return lens;
@@ -124,7 +144,7 @@ Eigen::Vector2d Lens::project(const Eigen::Vector3d& x) const {
 Eigen::Vector3d Lens::unproject(const Eigen::Vector2d& q) const {
   if (distortions_ >= 0) {
     const Eigen::Vector2d d((q.x() - intrinsics_[2]) / intrinsics_[0], (q.y() - intrinsics_[3]) / intrinsics_[1]);
-    const Eigen::Vector2d n = distortions_ ? undistort(intrinsics_.data() + 4, distortions_, d) : d;
+    const Eigen::Vector2d n = distortions_ ? undistort(intrinsics_.data() + 4, distortions_, fold_, d) : d;
     return n.homogeneous().normalized();
   }
   mrcal_lensmodel_t model;
@@ -148,8 +168,8 @@ Result<Device> read_cameramodel(const std::filesystem::path& path) {
   Result<Device> result = error(ErrorCode::kBadFile, "'{}': its lens model has no name", path.string());
   if (mrcal_lensmodel_name(name, sizeof name, &raw->lensmodel)) {
     const int count = mrcal_lensmodel_num_params(&raw->lensmodel);
-    Result<Lens> lens =
-        Lens::make(name, {raw->intrinsics, raw->intrinsics + count}, raw->imagersize[0], raw->imagersize[1]);
+    Result<Lens> lens = Lens::make(name, {raw->intrinsics, raw->intrinsics + count},
+                                   static_cast<int>(raw->imagersize[0]), static_cast<int>(raw->imagersize[1]));
     const double* e = raw->rt_cam_ref;
     if (lens)
       result = Device{*lens, {rotation_from_vector({e[0], e[1], e[2]}), {e[3], e[4], e[5]}}};

@@ -40,6 +40,7 @@ class Lens {
   std::vector<double> intrinsics_;
   int width_ = 0, height_ = 0;
   int distortions_ = 0;  // parameters of a model that we compute ourselves; -1: mrcal does
+  double fold_ = 0;      // distance from the axis, at z = 1, up to which their radial part grows
 };
 
 // A camera or projector that has been placed: lens and pose.

@@ -25,7 +25,7 @@ struct Bin {
 // photon noise is.
 void collect(const Photo& photo, int row_step, std::vector<Bin>& bins) {
   const Image& image = photo.value;
-  const int last = static_cast<int>(bins.size()) - 1;
+  const auto last = static_cast<float>(bins.size() - 1);
   for (int y = 0; y < image.height(); y += row_step)
     for (int x = 1; x + 1 < image.width(); ++x) {
       if (!photo.valid.at(x - 1, y) || !photo.valid.at(x, y) || !photo.valid.at(x + 1, y)) continue;
@@ -33,7 +33,7 @@ void collect(const Photo& photo, int row_step, std::vector<Bin>& bins) {
         const float sides = image.at(x - 1, y, c) + image.at(x + 1, y, c), middle = image.at(x, y, c);
         const float mean = (sides + middle) / 3;
         if (!std::isfinite(mean)) continue;
-        Bin& bin = bins[static_cast<int>(std::sqrt(std::clamp(mean, 0.0f, 1.0f)) * last + 0.5f)];
+        Bin& bin = bins[std::lround(std::sqrt(std::clamp(mean, 0.0f, 1.0f)) * last)];
         bin.differences.push_back(std::abs(middle - 0.5f * sides));
         bin.sum += mean;
       }

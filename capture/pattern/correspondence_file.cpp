@@ -8,14 +8,17 @@
 namespace countershade::capture {
 
 const std::map<int, std::string>& reason_names() {
-  static const std::map<int, std::string> kNames = {{0, "accepted"}, {1, "dark"}, {2, "saturated"}, {3, "uncertain bit"}, {4, "inconsistent"}, {5, "isolated"}, {6, "no code"}, {7, "lit indirectly only"}};
+  static const std::map<int, std::string> kNames = {
+      {0, "accepted"},     {1, "dark"},     {2, "saturated"}, {3, "uncertain bit"},
+      {4, "inconsistent"}, {5, "isolated"}, {6, "no code"},   {7, "lit indirectly only"}};
   return kNames;
 }
 
 Result<void> write_correspondence(const std::filesystem::path& folder, const Correspondence& c) {
   Image reason(c.reason.width(), c.reason.height(), 1);
   for (std::size_t i = 0; i < reason.data().size(); ++i) reason.data()[i] = c.reason.data()[i];
-  CS_TRY_VOID(write_exr(folder / (c.camera + "-" + c.projector + ".exr"), {{"x", &c.x}, {"y", &c.y}, {"sigma", &c.sigma}, {"reason", &reason}}));
+  CS_TRY_VOID(write_exr(folder / (c.camera + "-" + c.projector + ".exr"),
+                        {{"x", &c.x}, {"y", &c.y}, {"sigma", &c.sigma}, {"reason", &reason}}));
   nlohmann::json names = nlohmann::json::object();
   for (const auto& [number, name] : reason_names()) names[std::to_string(number)] = name;
   return write_atomically(folder / "reasons.json", names.dump(1) + "\n");
@@ -23,7 +26,8 @@ Result<void> write_correspondence(const std::filesystem::path& folder, const Cor
 
 Result<void> write_reason_picture(const std::filesystem::path& path, const Correspondence& c) {
   // Dark is black, indirect light dark grey; what should have decoded and did not is loud.
-  static constexpr float kColours[8][3] = {{0, 0, 0}, {0, 0, 0}, {255, 255, 255}, {255, 150, 0}, {255, 0, 60}, {255, 0, 255}, {120, 80, 40}, {45, 45, 50}};
+  static constexpr float kColours[8][3] = {{0, 0, 0},    {0, 0, 0},     {255, 255, 255}, {255, 150, 0},
+                                           {255, 0, 60}, {255, 0, 255}, {120, 80, 40},   {45, 45, 50}};
   Image picture(c.reason.width(), c.reason.height(), 3);
   for (std::size_t i = 0; i < picture.pixels(); ++i) {
     const int reason = c.reason.data()[i];

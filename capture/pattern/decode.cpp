@@ -55,9 +55,10 @@ struct BitReader {
   const Mask& skip;
   std::vector<float>& fine;
 
-  // One row of one bit. A direct share d makes +-d of the difference, light by way of other surfaces up to +-(1 - d):
-  // a coarse bit is certain only beyond what the latter can do alone, 1 - 2 d (Xu & Aliaga 2007, robust pixel
-  // classification; their bounds for on and off, written for the difference).
+  // One row of one bit. A direct share d makes +-d of the difference, light by way of other surfaces up to +-(1 - d): a
+  // coarse bit is certain only beyond what the latter can do against the former, 1 - 2 d (Xu & Aliaga 2007, robust
+  // pixel classification; their bounds for on and off, written for the difference). As the strongest of several
+  // modulations, `fine` is a few percent more than d.
   void row(int y, int bit, const Image& plain, const Image& inverse, AxisReading& reading) const {
     const std::size_t start = static_cast<std::size_t>(y) * plain.width();
     for (int x = 0; x < plain.width(); ++x) {
@@ -71,27 +72,40 @@ struct BitReader {
       if (bit < kFineBits)
         fine[i] = std::max(fine[i], size / range);
       else
-        least = std::max(least, (1.0 - 2.0 * fine[i]) * range);
+        least = std::max(least, (1.0 - 1.8 * fine[i]) * range + options.min_snr * sigma);
       if (difference > 0) reading.code[i] |= 1u << bit;
       if (!(size > least)) reading.uncertain[i] |= 1u << bit;
     }
   }
 };
 
+// Means of channels of a bit's two photos, read at the same time.
+Result<std::array<Image, 2>> read_pair(const BitFrames& frames, const PhotoSource& photos, const Mask& shape) {
+  std::array<Image, 2> light;
+  std::array<std::optional<Error>, 2> failed;
+  parallel_for(2, [&](int k) {
+    const int index = k ? frames.inverse : frames.plain;
+    const Result<Photo> photo = photos(index);
+    if (!photo) {
+      failed[k] = photo.error();
+      return;
+    }
+    light[k] = luminance_mean(photo->value);
+    if (!light[k].same_size(shape.width(), shape.height()))
+      failed[k] = error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", index,
+                        light[k].width(), light[k].height(), shape.width(), shape.height());
+  });
+  for (const std::optional<Error>& error : failed)
+    if (error) return *error;
+  return light;
+}
+
 Result<void> read_bits(const AxisCode& code, const PhotoSource& photos, const BitReader& reader,
                        const std::function<void()>& tick, AxisReading& reading) {
-  const int width = reader.skip.width(), height = reader.skip.height();
   for (std::size_t bit = 0; bit < code.bits.size(); ++bit) {
-    Image light[2];
-    for (int k = 0; k < 2; ++k) {
-      const int index = k ? code.bits[bit].inverse : code.bits[bit].plain;
-      CS_TRY(const Photo photo, photos(index));
-      light[k] = luminance_mean(photo.value);
-      if (!light[k].same_size(width, height))
-        return error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", index,
-                     light[k].width(), light[k].height(), width, height);
-    }
-    parallel_for(height, [&](int y) { reader.row(y, static_cast<int>(bit), light[0], light[1], reading); });
+    CS_TRY(const auto light, read_pair(code.bits[bit], photos, reader.skip));
+    parallel_for(reader.skip.height(),
+                 [&](int y) { reader.row(y, static_cast<int>(bit), light[0], light[1], reading); });
     tick();
   }
   return {};
@@ -172,9 +186,9 @@ Error nothing_decoded(const Correspondence& c, const Levels& levels) {
                "projector '{}': no camera pixel can be decoded: {} (brightest white {:.1f} %, darkest black {:.1f} % "
                "of full scale). {}",
                c.projector,
-               too_bright   ? "every lit pixel is saturated"
-               : c.lit == 0 ? "none is lit by it"
-                            : "its code is not visible where it lights the scene",
+               too_bright                        ? "every lit pixel is saturated"
+               : c.lit < c.reason.pixels() / 100 ? "none is lit by it"
+                                                 : "its code is not visible where it lights the scene",
                100 * white, 100 * black,
                too_bright ? "Shorten exposures_ms"
                           : "Is the projector on and in focus, the lens cap off, the exposure long enough, does the "

@@ -44,12 +44,15 @@ struct DecodeOptions {
   double fine_modulation = 0.15;  // direct light reaches at least this in one of the four finest stripes of an axis
 };
 
-// Gives the linear photo of a frame, by its index.
+// Gives the linear photo of a frame, by its index. Called from two threads at once.
 using PhotoSource = std::function<Result<Photo>(int index)>;
 
 // Gray code with inverse, cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells,
-// the pixel lies on that edge. The position is then refined by a plane through the accepted neighbours that agree, so
-// that quantisation averages out without bridging edges of the scene.
+// the pixel lies on that edge. Coarse bits count only as far as light by way of other surfaces could not have made
+// them. The position is then refined by a plane through the accepted neighbours that agree, so that quantisation
+// averages out without bridging edges of the scene; pixels with more bits in doubt are completed where the plane and
+// every certain bit agree. sigma includes what quantisation may hide from the plane, and the pull of brighter
+// surroundings through lens blur. Memory: about 80 bytes per camera pixel, besides two photos.
 Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
                                      const std::string& projector, const DecodeOptions& options, Progress& progress);
 

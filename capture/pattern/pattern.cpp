@@ -16,7 +16,9 @@ constexpr std::uint16_t kFull = 65535;
 
 using Shader = std::function<std::array<double, 3>(int x, int y)>;
 
-std::uint16_t to_bits8(double encoded) { return static_cast<std::uint16_t>(257 * std::lround(255 * std::clamp(encoded, 0.0, 1.0))); }
+std::uint16_t to_bits8(double encoded) {
+  return static_cast<std::uint16_t>(257 * std::lround(255 * std::clamp(encoded, 0.0, 1.0)));
+}
 
 Picture draw(int width, int height, const Shader& shader) {
   Picture picture(width, height, 3);
@@ -45,21 +47,27 @@ std::array<double, 3> primary(const std::string& channel) {
   return {has('r'), has('g'), has('b')};
 }
 
-// Which cells of the block pattern are lit: a checkerboard whose phase is pseudo-random per row and column pair, so that
-// about half the cells are lit, every neighbourhood has lit and dark ones, and no row or column repeats another.
+// Which cells of the block pattern are lit: a checkerboard whose phase is pseudo-random per row and column pair, so
+// that about half the cells are lit, every neighbourhood has lit and dark ones, and no row or column repeats another.
 bool block_lit(int seed, int cell_x, int cell_y) {
-  const std::uint64_t pair = mix(static_cast<std::uint64_t>(seed) * 1000003u + static_cast<std::uint64_t>(cell_x / 2) * 8191u + static_cast<std::uint64_t>(cell_y / 2));
+  const std::uint64_t pair =
+      mix(static_cast<std::uint64_t>(seed) * 1000003u + static_cast<std::uint64_t>(cell_x / 2) * 8191u +
+          static_cast<std::uint64_t>(cell_y / 2));
   return ((cell_x + cell_y) & 1) ^ static_cast<int>(pair & 1);
 }
 
 double smooth_noise(std::uint64_t seed, double x, double y) {
   const double fx = std::floor(x), fy = std::floor(y);
   const auto value = [&](double i, double j) {
-    return static_cast<double>(mix(seed ^ mix(static_cast<std::uint64_t>(i) * 0x9e3779b1u + static_cast<std::uint64_t>(j) * 0x85ebca77u)) >> 11) * 0x1.0p-53;
+    return static_cast<double>(mix(seed ^ mix(static_cast<std::uint64_t>(i) * 0x9e3779b1u +
+                                              static_cast<std::uint64_t>(j) * 0x85ebca77u)) >>
+                               11) *
+           0x1.0p-53;
   };
   const auto ease = [](double t) { return t * t * (3 - 2 * t); };
   const double u = ease(x - fx), v = ease(y - fy);
-  return std::lerp(std::lerp(value(fx, fy), value(fx + 1, fy), u), std::lerp(value(fx, fy + 1), value(fx + 1, fy + 1), u), v);
+  return std::lerp(std::lerp(value(fx, fy), value(fx + 1, fy), u),
+                   std::lerp(value(fx, fy + 1), value(fx + 1, fy + 1), u), v);
 }
 
 // Photo-like: several octaves of smooth noise with slowly changing colour, encoded .35 to .95.
@@ -90,50 +98,93 @@ int gray_bits(int count) {
   return std::max(1, bits);
 }
 
+namespace {
+
+double wave(const Role& role, int i) {
+  const double shift = role.shift_rad.value_or(2 * std::numbers::pi * role.step / role.steps);
+  const double shown = 0.5 + 0.5 * std::cos(2 * std::numbers::pi * i / role.period_px + shift);
+  return std::pow(shown, role.shown_exponent);
+}
+
+double stripe(const Role& role, int i) {
+  const int period = 2 * role.cell_px, phase = ((i - role.step * role.cell_px / 2) % period + period) % period;
+  return phase < role.cell_px ? 1.0 : 0.0;
+}
+
+double gray_stripe(const Role& role, int i) {
+  const bool lit = (gray_from_binary(static_cast<unsigned>(i / role.cell_px)) >> role.bit) & 1;
+  return lit != role.inverse ? 1.0 : 0.0;
+}
+
+// The frames that show one projector's Gray code, white and black first.
+void add_code(const ProjectorSpec& projector, std::vector<Role>& roles) {
+  Role role;
+  role.projector = projector.id;
+  for (const char* kind : {"white", "black"}) role.kind = kind, roles.push_back(role);
+  role.kind = "gray";
+  for (const char* axis : {"x", "y"})
+    for (int bit = gray_bits(projector.resolution[axis[0] == 'x' ? 0 : 1]) - 1; bit >= 0; --bit)
+      for (bool inverse : {false, true})
+        role.axis = axis, role.bit = bit, role.inverse = inverse, roles.push_back(role);
+}
+
+void add_photometric(const Rig& rig, int cell_px, std::vector<Role>& roles) {
+  Role blocks;
+  blocks.kind = "blocks", blocks.cell_px = cell_px, blocks.seed = 1;
+  for (const char* channel : {"r", "g", "b"})
+    for (bool inverse : {false, true}) blocks.channel = channel, blocks.inverse = inverse, roles.push_back(blocks);
+  Role black;
+  black.kind = "black";
+  roles.push_back(black);
+  Role primary;
+  primary.kind = "primary";
+  for (std::size_t q = 1; q < rig.projectors.size(); ++q)
+    for (const char* channel : {"r", "g", "b"})
+      primary.projector = rig.projectors[q].id, primary.channel = channel, roles.push_back(primary);
+  Role held_out;
+  held_out.kind = "held-out";
+  for (int seed : {11, 12}) held_out.seed = seed, roles.push_back(held_out);
+}
+
+}  // namespace
+
 Result<Picture> render_role(const Role& role, const std::string& projector_id, int width, int height) {
   if (!role.projector.empty() && role.projector != projector_id) return Picture(width, height, 3);
+  const auto along = [&](double (*value)(const Role&, int)) {
+    return draw_along(role.axis, width, height, [&](int i) { return value(role, i); });
+  };
   if (role.kind == "white") return Picture(width, height, 3, kFull);
   if (role.kind == "black") return Picture(width, height, 3);
-  if (role.kind == "gray")
-    return draw_along(role.axis, width, height, [&](int i) { return ((gray_from_binary(i / role.cell_px) >> role.bit) & 1) != (role.inverse ? 1u : 0u) ? 1.0 : 0.0; });
-  if (role.kind == "phase") {
-    const double shift = role.shift_rad.value_or(2 * std::numbers::pi * role.step / role.steps);
-    return draw_along(role.axis, width, height, [&](int i) { return std::pow(0.5 + 0.5 * std::cos(2 * std::numbers::pi * i / role.period_px + shift), role.shown_exponent); });
-  }
-  if (role.kind == "mask")
-    return draw_along(role.axis, width, height, [&](int i) {
-      const int period = 2 * role.cell_px, phase = ((i - role.step * role.cell_px / 2) % period + period) % period;
-      return phase < role.cell_px ? 1.0 : 0.0;
-    });
-  if (role.kind == "primary") return draw(width, height, [&](int, int) { return primary(role.channel); });
+  if (role.kind == "gray") return along(gray_stripe);
+  if (role.kind == "phase") return along(wave);
+  if (role.kind == "mask") return along(stripe);
+  const std::array<double, 3> lit = primary(role.channel), dark{0, 0, 0};
+  if (role.kind == "primary") return draw(width, height, [&](int, int) { return lit; });
   if (role.kind == "blocks")
     return draw(width, height, [&](int x, int y) {
-      return block_lit(role.seed, x / role.cell_px, y / role.cell_px) != role.inverse ? primary(role.channel) : std::array<double, 3>{0, 0, 0};
+      return block_lit(role.seed, x / role.cell_px, y / role.cell_px) != role.inverse ? lit : dark;
     });
-  if (role.kind == "held-out") return draw(width, height, [&](int x, int y) { return held_out(role.seed + static_cast<int>(hash_name(projector_id) % 1000), (x + 0.5) / height, (y + 0.5) / height); });
-  return error(ErrorCode::kUnsupported, "frames of kind '{}' cannot be drawn by this version; it knows white, black, gray, phase, blocks, primary, held-out, mask", role.kind);
+  if (role.kind == "held-out") {
+    const int seed = role.seed + static_cast<int>(hash_name(projector_id) % 1000);
+    return draw(width, height, [&](int x, int y) { return held_out(seed, (x + 0.5) / height, (y + 0.5) / height); });
+  }
+  return error(ErrorCode::kUnsupported,
+               "frames of kind '{}' cannot be drawn by this version; it knows white, black, gray, phase, blocks, "
+               "primary, held-out, mask",
+               role.kind);
 }
 
 Sequence default_sequence(const Rig& rig) {
   Sequence sequence;
-  const auto add = [&](Role role) { sequence.frames.push_back({static_cast<int>(sequence.frames.size()), std::move(role)}); };
+  std::vector<Role> roles;
   int widest = 1;
   for (const ProjectorSpec& p : rig.projectors) {
     sequence.projectors.emplace_back(p.id, p.resolution);
     widest = std::max(widest, p.resolution[0]);
-    add({.kind = "white", .projector = p.id});
-    add({.kind = "black", .projector = p.id});
-    for (const char* axis : {"x", "y"})
-      for (int bit = gray_bits(p.resolution[axis[0] == 'x' ? 0 : 1]) - 1; bit >= 0; --bit)
-        for (bool inverse : {false, true}) add({.kind = "gray", .projector = p.id, .axis = axis, .bit = bit, .inverse = inverse});
+    add_code(p, roles);
   }
-  const int cell = std::max(4, widest / 8);
-  for (const char* channel : {"r", "g", "b"})
-    for (bool inverse : {false, true}) add({.kind = "blocks", .inverse = inverse, .cell_px = cell, .channel = channel, .seed = 1});
-  add({.kind = "black"});
-  for (std::size_t q = 1; q < rig.projectors.size(); ++q)
-    for (const char* channel : {"r", "g", "b"}) add({.kind = "primary", .projector = rig.projectors[q].id, .channel = channel});
-  for (int seed : {11, 12}) add({.kind = "held-out", .seed = seed});
+  add_photometric(rig, std::max(4, widest / 8), roles);
+  for (const Role& role : roles) sequence.frames.push_back({static_cast<int>(sequence.frames.size()), role});
   return sequence;
 }
 

@@ -7,12 +7,14 @@
 
 namespace countershade::capture {
 
-// The picture of `role` for a projector: (height, width, 3), encoded values 0..65535; black where `role.projector` names
-// another projector. Errors: kUnsupported for a kind this program cannot draw.
+// The picture of `role` for a projector: (height, width, 3), encoded values 0..65535; black where `role.projector`
+// names another projector. Errors: kUnsupported for a kind this program cannot draw.
 Result<Picture> render_role(const Role& role, const std::string& projector_id, int width, int height);
 
 // Gray code of a column or row, and back. n = binary index < 2^31.
-inline unsigned gray_from_binary(unsigned n) { return n ^ (n >> 1); }
+inline unsigned gray_from_binary(unsigned n) {
+  return n ^ (n >> 1);
+}
 unsigned binary_from_gray(unsigned g);
 // Bits needed for `count` cells.
 int gray_bits(int count);

@@ -101,9 +101,11 @@ Sums sum_up(const Window& w, float centre, float gx, float gy, float cell) {
   return s;
 }
 
-// Readings are rounded to cells. A share e of them are borders, e of a cell wide, the rest cells less their borders, so
-// rounding has the variance cell^2 ((1 - e)^3 + e^3) / 12. What the residuals show of it averages out (they repeat
-// along lines of equal code: two pixels count as one); what they do not show has gone into the plane unseen.
+// Readings are rounded to cells. A share e of them are borders, each of a zone up to 2 e cells wide (where every last
+// bit is lost, borders are all that is read, two cells apart), the rest cells less their borders, so rounding has the
+// variance cell^2 ((1 - e)^3 + 4 e^3) / 12. What the residuals show of it averages out (slowly: errors repeat along
+// lines of equal code and swing only once or twice across a window, so that four pixels count as one); what they do not
+// show, by more than a quarter, has gone into the plane unseen.
 Plane fit(const Window& w, float centre, float gx, float gy, float cell) {
   const Sums s = sum_up(w, centre, gx, gy, cell);
   Plane plane;
@@ -117,9 +119,9 @@ Plane fit(const Window& w, float centre, float gx, float gy, float cell) {
   const double b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) / determinant;
   const double left = std::max(0.0, s.rr - c * s.r - a * s.xr - b * s.yr) / std::max(1.0, s.n - 3);
   const double e = s.edges / s.n;
-  const double rounding = cell * cell * (std::pow(1 - e, 3) + std::pow(e, 3)) / 12;
+  const double rounding = cell * cell * (std::pow(1 - e, 3) + 4 * std::pow(e, 3)) / 12;
   plane.value = static_cast<float>(centre + c);
-  plane.sigma = static_cast<float>(std::sqrt(2 * left * cx / determinant + std::max(4e-4, rounding - left)));
+  plane.sigma = static_cast<float>(std::sqrt(4 * left * cx / determinant + std::max(4e-4, rounding - 1.25 * left)));
   return plane;
 }
 

@@ -67,7 +67,7 @@ class Capture {
   Result<void> load_photo(int f, std::size_t c, std::size_t e);
 
   Result<Pictures> pictures_of(int f) const;
-  Pictures black_pictures() const;
+  Pictures plain_pictures(std::uint16_t value) const;
   Result<void> show(const Pictures& pictures, double wait_ms);
   Result<Image> expose(const CameraSlot& camera, std::size_t e) const;
   Result<std::vector<Shot>> photograph(const std::vector<std::vector<bool>>& wanted) const;
@@ -75,6 +75,8 @@ class Capture {
   Result<void> store(int f, const std::vector<Shot>& shots);
 
   Result<std::vector<Bins>> settle(const Pictures& pictures);
+  std::vector<std::vector<bool>> first_exposures() const;
+  Result<void> measure_latency(const Pictures& pictures);
   int reference_frame() const;
   Result<void> start();
   Result<void> check_unmoved(int f, const std::vector<Bins>& now);
@@ -85,6 +87,7 @@ class Capture {
 
   double noise(std::size_t c, const Bins& light) const;
   std::optional<double> response(std::size_t c, const std::string& projector) const;
+  bool any_change(const std::vector<Bins>& now) const;
   std::string stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
   Bins pixels_of(const Image& stored, std::size_t c) const;
   Result<Bins> stored_pixels(int f, std::size_t c) const;
@@ -194,9 +197,9 @@ Result<Capture::Pictures> Capture::pictures_of(int f) const {
   return pictures;
 }
 
-Capture::Pictures Capture::black_pictures() const {
+Capture::Pictures Capture::plain_pictures(std::uint16_t value) const {
   Pictures pictures;
-  for (const auto& [id, size] : sequence_.projectors) pictures.emplace_back(size[0], size[1], 3);
+  for (const auto& [id, size] : sequence_.projectors) pictures.emplace_back(size[0], size[1], 3, value);
   return pictures;
 }
 
@@ -262,16 +265,43 @@ Result<void> Capture::store(int f, const std::vector<Shot>& shots) {
 
 // ---- the start: a known light, so that the first photo can be judged too ----
 
-// Shows often enough that no latency of up to `retakes` shows is left, then photographs twice.
-Result<std::vector<Bins>> Capture::settle(const Pictures& pictures) {
-  for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+// How often a picture must be shown until a camera sees it: shown after settled pictures that differ much.
+Result<void> Capture::measure_latency(const Pictures& pictures) {
+  for (int shows = 1; shows <= options_.retakes + 1; ++shows) {
+    CS_TRY_VOID(show(pictures, (shows - 1) * options_.retake_wait_ms));
+    CS_TRY(const std::vector<Shot> shots, photograph(first_exposures()));
+    std::vector<Bins> now;
+    for (const Shot& shot : shots) now.push_back(shot.bins);
+    if (!any_change(now)) continue;
+    shows_ = shows;
+    shown_ = blocks_of(pictures);
+    former_ = now;
+    if (shows > 1)
+      progress_.note(
+          fmt::format("the display or the camera is late: each picture is shown {} times before its photo", shows));
+    return {};
+  }
+  return error(
+      ErrorCode::kDevice,
+      "no camera sees a change between black and white on all projectors, after {} tries. Check that the projectors "
+      "are on and show this computer's pictures (right monitor, no screen saver), lens caps, and exposure",
+      options_.retakes + 1);
+}
+
+std::vector<std::vector<bool>> Capture::first_exposures() const {
   std::vector<std::vector<bool>> first;
   for (const CameraSlot& camera : cameras_) {
     first.emplace_back(camera.exposures.size(), false);
     first.back()[0] = true;
   }
-  CS_TRY(const std::vector<Shot> one, photograph(first));
-  CS_TRY(const std::vector<Shot> two, photograph(first));
+  return first;
+}
+
+// Shows often enough that no latency of up to `retakes` shows is left, then photographs twice.
+Result<std::vector<Bins>> Capture::settle(const Pictures& pictures) {
+  for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+  CS_TRY(const std::vector<Shot> one, photograph(first_exposures()));
+  CS_TRY(const std::vector<Shot> two, photograph(first_exposures()));
   std::vector<Bins> bins;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
     CameraSlot& camera = cameras_[c];
@@ -307,12 +337,13 @@ Result<void> Capture::check_unmoved(int f, const std::vector<Bins>& now) {
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
     const auto [difference, brightening] = change_of_view(now[c], *kept_[f][c]);
     const double noise = cameras_[c].floor / std::max(1e-6, mean_light(now[c]));
-    if (difference > kMoved + 4 * noise || std::abs(brightening) > kBrightened)
+    const double allowed = kMoved + 4 * noise;
+    if (difference > allowed || std::abs(brightening) > kBrightened)
       return error(ErrorCode::kRefused,
                    "camera '{}' sees {} differently than when it was stored: {:.1f} % of its light changed place "
                    "(allowed {:.1f} %) and its brightness changed by {:.1f} % (allowed {:.0f} %). Camera, projector or "
                    "room moved: put them back as they were, or capture a new session in another folder",
-                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * (kMoved + 4 * noise), 100 * brightening,
+                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * allowed, 100 * brightening,
                    100 * kBrightened);
   }
   return {};
@@ -321,14 +352,15 @@ Result<void> Capture::check_unmoved(int f, const std::vector<Bins>& now) {
 Result<void> Capture::start() {
   const int reference = reference_frame();
   if (reference < 0) {
-    CS_TRY(const std::vector<Bins> rest, settle(black_pictures()));
+    CS_TRY(const std::vector<Bins> rest, settle(plain_pictures(0)));
     for (std::size_t c = 0; c < cameras_.size(); ++c) cameras_[c].rest = rest[c];
-    return {};
+    return measure_latency(plain_pictures(65535));
   }
   progress_.note(fmt::format("resuming: {} is photographed again and compared", frame_name(reference)));
   CS_TRY(const Pictures pictures, pictures_of(reference));
   CS_TRY(const std::vector<Bins> now, settle(pictures));
-  return check_unmoved(reference, now);
+  CS_TRY_VOID(check_unmoved(reference, now));
+  return measure_latency(plain_pictures(0));  // the reference is not dark
 }
 
 // ---- is this the frame that was asked for? ----
@@ -353,6 +385,14 @@ std::optional<double> Capture::response(std::size_t c, const std::string& projec
   return mean_difference(*white, *black);
 }
 
+// Whether a camera sees other light than in the former photo.
+bool Capture::any_change(const std::vector<Bins>& now) const {
+  for (std::size_t c = 0; c < cameras_.size(); ++c)
+    if (mean_difference(now[c], former_[c]) > 4 * noise(c, former_[c]) + 0.0005)  // of full scale: too little to decode
+      return true;
+  return false;
+}
+
 // Why the photos cannot be of the pictures with these blocks; empty when they can.
 std::string Capture::stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const {
   double unknown = 0;  // change of projectors whose light no camera has been seen to answer yet
@@ -366,18 +406,16 @@ std::string Capture::stale(const std::vector<Image>& blocks, const std::vector<B
       whole[c] = std::max(whole[c], answer.value_or(0));
     }
   }
-  bool any_change = false;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
     const double change = mean_difference(now[c], former_[c]), floor = noise(c, former_[c]);
-    any_change = any_change || change > 4 * floor + 0.0005;  // of full scale: nothing decodes below that
     if (unknown < kPredictable && predicted[c] > kPredictable * whole[c] && predicted[c] > 10 * floor &&
-        predicted[c] > 0.001 && change < 0 * predicted[c] + 2 * floor)
+        predicted[c] > 0.001 && change < kShownChange * predicted[c] + 2 * floor)
       return fmt::format(
           "camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
           "about {:.2f} %)",
           cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
   }
-  if (unknown > 0.3 && !any_change) return "no camera sees any change of the projected light";
+  if (unknown > 0.3 && !any_change(now)) return "no camera sees any change of the projected light";
   return "";
 }
 
@@ -429,6 +467,7 @@ std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const 
 Result<void> Capture::retake(int f) {
   CS_TRY(const Pictures pictures, pictures_of(f));
   CS_TRY_VOID(settle(pictures));
+  CS_TRY_VOID(show(pictures, 0));  // as every stored photo: the first after a show
   CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, true)));
   return store(f, shots);
 }
@@ -437,7 +476,7 @@ Result<void> Capture::take_frame(int f) {
   CS_TRY(const Pictures pictures, pictures_of(f));
   const std::vector<Image> blocks = blocks_of(pictures);
   for (int attempt = 0, shows = shows_;; ++attempt) {
-    for (int i = 0; i < shows; ++i) CS_TRY_VOID(show(pictures, attempt * options_.retake_wait_ms));
+    for (int i = 0; i < shows; ++i) CS_TRY_VOID(show(pictures, (attempt + shows_ - 1) * options_.retake_wait_ms));
     CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
     const std::vector<Bins> now = bins_of(f, shots);
     std::string why = stale(blocks, now);

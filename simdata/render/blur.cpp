@@ -7,7 +7,9 @@
 
 namespace countershade::simdata {
 
-int blur_radius(double sigma_px) { return sigma_px > 0 ? static_cast<int>(std::ceil(4 * sigma_px)) : 0; }
+int blur_radius(double sigma_px) {
+  return sigma_px > 0 ? static_cast<int>(std::ceil(4 * sigma_px)) : 0;
+}
 
 std::vector<float> blur_kernel(double sigma_px) {
   const int radius = blur_radius(sigma_px);

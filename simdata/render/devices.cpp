@@ -42,7 +42,11 @@ struct Stage {
 class SimulatedProjectorDevice final : public capture::Projector {
  public:
   SimulatedProjectorDevice(std::shared_ptr<Stage> stage, int index, const ProjectorSpec& spec)
-      : stage_(std::move(stage)), index_(index), id_(spec.id), width_(spec.resolution[0]), height_(spec.resolution[1]) {}
+      : stage_(std::move(stage)),
+        index_(index),
+        id_(spec.id),
+        width_(spec.resolution[0]),
+        height_(spec.resolution[1]) {}
   const std::string& id() const override { return id_; }
   int width() const override { return width_; }
   int height() const override { return height_; }
@@ -89,7 +93,7 @@ class SimulatedCameraDevice final : public capture::Camera {
     }
     Stage::Cache& cache = stage_->caches[index_];
     if (cache.light.empty() || cache.state != state) cache = {state, look(seen)};
-    const std::uint64_t draw = counter_ + 7;
+    const std::uint64_t draw = mix(state) ^ mix(stage_->photos_since_show[index_]++);
     capture::Exposure exposure = stage_->simulator->expose(index_, cache.light, exposure_ms_, draw);
     exposure.counter = counter_++;
     clock_s_ += exposure_ms_ * 1e-3 + 0.02;  // a device clock that runs on photos alone

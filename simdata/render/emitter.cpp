@@ -75,8 +75,7 @@ PictureLight Emitter::light_of(const Picture& picture) const {
       for (int y = by * block_px_; y < y1; ++y)
         for (int x = bx * block_px_; x < x1; ++x)
           sum += sharp[static_cast<std::size_t>(y + margin_) * columns + x + margin_];
-      light.block_mean[by * blocks_x_ + bx] =
-          sum / static_cast<float>((x1 - bx * block_px_) * (y1 - by * block_px_));
+      light.block_mean[by * blocks_x_ + bx] = sum / static_cast<float>((x1 - bx * block_px_) * (y1 - by * block_px_));
     }
   });
   light.blurred = blurred(sharp, columns, rows, spec_.defocus_sigma_px);

@@ -97,8 +97,8 @@ void IndirectLight::gather_cell(Wall& wall, const ChartPoint& at, int row, const
   if (depth > 0 && diagonal > kLargest * (from.point(cell.u, cell.v) - x).norm()) {
     for (int k = 0; k < 4; ++k)
       gather_cell(wall, at, row,
-                  {cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2, cell.du / 2,
-                   cell.dv / 2},
+                  {cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
+                   cell.du / 2, cell.dv / 2},
                   random, depth - 1);
     return;
   }

@@ -1,13 +1,13 @@
 // Indirect light of a room: gathered from the walls once, then applied to any pattern.
 //
-// Every receiving point x looks at stratified points y of the other walls; each one that it sees adds, per projector block
-// that lights y, the irradiance at y times albedo (first bounce), and the share by which y's own indirect light counts
-// (all further bounces, whose light is solved for on a coarser grid of receivers):
+// Every receiving point x looks at stratified points y of the other walls; each one that it sees adds, per projector
+// block that lights y, the irradiance at y times albedo (first bounce), and the share by which y's own indirect light
+// counts (all further bounces, whose light is solved for on a coarser grid of receivers):
 //
 //   I(x) = sum_y rho(y) cos_x cos_y dA_y / (pi r^2) (E_direct(y) + A(y) + I(y)),    A = irradiance from the surround
 //
-// Strata are split until they are small against their distance, and every one is sampled at a random point and its mirror
-// image, so that the sum is unbiased and its error of second order in the size of the strata.
+// Strata are split until they are small against their distance, and every one is sampled at a random point and its
+// mirror image, so that the sum is unbiased and its error of second order in the size of the strata.
 #pragma once
 
 #include <Eigen/Dense>
@@ -66,8 +66,8 @@ class IndirectLight {
   int strata_ = 64;
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
-  std::vector<std::vector<std::vector<int>>> column_;       // [surface][projector][block], -1 = lights it not
-  std::vector<std::vector<std::pair<int, int>>> pairs_;     // [surface][column] = projector, block
+  std::vector<std::vector<std::vector<int>>> column_;    // [surface][projector][block], -1 = lights it not
+  std::vector<std::vector<std::pair<int, int>>> pairs_;  // [surface][column] = projector, block
   Receivers fine_, coarse_;
 };
 

@@ -22,7 +22,8 @@ struct Paint {
   // 1 - amplitude .. 1 + amplitude; different on every surface, symmetric in nothing.
   double texture(int surface, double u, double v) const {
     if (amplitude == 0) return 1;
-    return 1 + amplitude * std::sin(2.9 * u + 1.7 * v + 0.8 + 1.9 * surface) * std::cos(4.3 * v - 1.1 * u + 0.3 * surface);
+    return 1 +
+           amplitude * std::sin(2.9 * u + 1.7 * v + 0.8 + 1.9 * surface) * std::cos(4.3 * v - 1.1 * u + 0.3 * surface);
   }
 };
 

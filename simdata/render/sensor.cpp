@@ -23,8 +23,8 @@ std::vector<float> normal_quantiles() {
   for (int i = kNormals / 2; i < kNormals; ++i) {
     const double p = (i + 0.5) / kNormals;
     for (int k = 0; k < 50; ++k) {  // Newton; rises to the root since the function is concave here
-      const double step = (p - 0.5 * std::erfc(-x / std::numbers::sqrt2)) * std::sqrt(2 * std::numbers::pi) *
-                          std::exp(0.5 * x * x);
+      const double step =
+          (p - 0.5 * std::erfc(-x / std::numbers::sqrt2)) * std::sqrt(2 * std::numbers::pi) * std::exp(0.5 * x * x);
       x += step;
       if (std::abs(step) < 1e-12) break;
     }

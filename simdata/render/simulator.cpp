@@ -9,8 +9,8 @@
 #include "simdata/render/blur.h"
 #include "simdata/render/sensor.h"
 #include "simdata/render/simulator_state.h"
-#include "simdata/room/rooms.h"
 #include "simdata/room/room_check.h"
+#include "simdata/room/rooms.h"
 
 namespace countershade::simdata {
 
@@ -58,10 +58,18 @@ float exposure_scale(const View& view, const TrueLight& white) {
 Simulator::Simulator(std::unique_ptr<State> state) : state_(std::move(state)) {}
 Simulator::~Simulator() = default;
 
-const Rig& Simulator::rig() const { return state_->rig; }
-const Simulation& Simulator::simulation() const { return state_->simulation; }
-const Screen& Simulator::screen() const { return state_->scene->screen(); }
-double Simulator::scale(int camera) const { return state_->views.at(camera)->scale(); }
+const Rig& Simulator::rig() const {
+  return state_->rig;
+}
+const Simulation& Simulator::simulation() const {
+  return state_->simulation;
+}
+const Screen& Simulator::screen() const {
+  return state_->scene->screen();
+}
+double Simulator::scale(int camera) const {
+  return state_->views.at(camera)->scale();
+}
 
 Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulation& simulation, Progress& progress) {
   CS_TRY_VOID(check_room(rig, simulation));

@@ -1,5 +1,6 @@
-// Photographs of a room that never was. Primary hits and direct light exact per pixel; indirect light by ray casting with
-// any number of bounces, once per block of projector pixels, and reused for every pattern, since a photo is linear in it.
+// Photographs of a room that never was. Primary hits and direct light exact per pixel; indirect light by ray casting
+// with any number of bounces, once per block of projector pixels, and reused for every pattern, since a photo is linear
+// in it.
 #pragma once
 
 #include <memory>
@@ -21,9 +22,9 @@ struct TrueLight {
 
 // Truth beside the photos, per camera pixel centre.
 struct TrueGeometry {
-  Image depth;          // distance along the ray [m], NaN where nothing is hit
-  Image normal;         // (height, width, 3), world
-  Image surface, u, v;  // chart point, surface -1 where nothing is hit
+  Image depth;                                  // distance along the ray [m], NaN where nothing is hit
+  Image normal;                                 // (height, width, 3), world
+  Image surface, u, v;                          // chart point, surface -1 where nothing is hit
   std::vector<Image> projector_x, projector_y;  // per projector, NaN where it does not light the point
 };
 
@@ -60,10 +61,10 @@ class Simulator {
   std::unique_ptr<State> state_;
 };
 
-// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency: a camera's first
-// latency_frames photos after show() see that projector's former picture. The noise of a photo depends on the seed, the
-// camera, the pictures shown and the number of photos since the last show(), so a session that was interrupted and
-// resumed between frames has the same bytes as one that was not.
+// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency: a camera's
+// first latency_frames photos after show() see that projector's former picture. The noise of a photo depends on the
+// seed, the camera, the pictures shown and the number of photos since the last show(), so a session that was
+// interrupted and resumed between frames has the same bytes as one that was not.
 capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator);
 
 }  // namespace countershade::simdata

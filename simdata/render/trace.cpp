@@ -35,7 +35,9 @@ struct PathTracer {
       for (std::size_t q = 0; q < emitters.size(); ++q)
         if (const auto beam = emitters[q].beam(scene, at.surface, scene.screen().point(at), emitters[q].margin()))
           sum += throughput * beam->irradiance *
-                 light[q].at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y())).head<3>()
+                 light[q]
+                     .at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()))
+                     .head<3>()
                      .cast<double>();
       const double survives = std::min(1.0, throughput.maxCoeff());  // Russian roulette
       if (random.uniform() >= survives) return sum;

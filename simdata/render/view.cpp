@@ -59,8 +59,7 @@ void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emi
       walls[i].factor += static_cast<float>(painted), ++counts[i];
       if (at.surface < 0) continue;
       for (std::size_t p = 0; p < emitters.size(); ++p)
-        if (const auto beam =
-                emitters[p].beam(scene, at.surface, scene.screen().point(at), emitters[p].margin()))
+        if (const auto beam = emitters[p].beam(scene, at.surface, scene.screen().point(at), emitters[p].margin()))
           beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
                                   static_cast<float>(painted * beam->irradiance), static_cast<std::uint16_t>(x),
                                   surface});
@@ -89,8 +88,7 @@ Image View::direct(std::span<const PictureLight> light, const IndirectLight& ind
   parallel_for(image.height(), [&](int y) {
     std::vector<Light4> row(image.width(), Light4::Zero());
     for (std::size_t p = 0; p < beams_.size(); ++p)
-      for (const BeamSample& s : beams_[p][y])
-        row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
+      for (const BeamSample& s : beams_[p][y]) row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
     if (ambient_ > 0)
       for (const WallSample& w : walls_[y]) {
         if (w.surface == kNone) {
@@ -113,8 +111,8 @@ Image View::reflected(const std::vector<Rgb>& field, const IndirectLight& indire
     std::vector<Light4> row(image.width(), Light4::Zero());
     for (const WallSample& w : walls_[y])
       if (w.surface != kNone)
-        row[w.column] += base_[w.surface] * w.factor *
-                         interpolated(field[w.surface], indirect.grid().stencil(w.surface, w.u, w.v));
+        row[w.column] +=
+            base_[w.surface] * w.factor * interpolated(field[w.surface], indirect.grid().stencil(w.surface, w.u, w.v));
     write_row(image, y, row);
   });
   return image;

@@ -21,12 +21,13 @@ Result<void> check_walls(const Simulation& s) {
   CS_TRY_VOID(within("left_rise", s.left_rise, -1e3, 1e3));
   CS_TRY_VOID(within("right_rise", s.right_rise, -1e3, 1e3));
   CS_TRY_VOID(within("texture", s.texture, 0, 0.9));
-  for (const auto& [name, albedo] : {std::pair{"left_albedo", s.left_albedo}, std::pair{"right_albedo", s.right_albedo}})
+  for (const auto& [name, albedo] :
+       {std::pair{"left_albedo", s.left_albedo}, std::pair{"right_albedo", s.right_albedo}})
     for (double a : albedo) {
       CS_TRY_VOID(within(name, a, 0, 1));
       if (a * (1 + s.texture) > 1)
-        return error(ErrorCode::kBadValue, "[simulation] {} {} with texture {} reflects more light than arrives", name, a,
-                     s.texture);
+        return error(ErrorCode::kBadValue, "[simulation] {} {} with texture {} reflects more light than arrives", name,
+                     a, s.texture);
     }
   CS_TRY_VOID(within("ambient", s.ambient, 0, 100));
   CS_TRY_VOID(within("samples", s.samples, 16, 1 << 22));
@@ -91,7 +92,8 @@ Result<void> check_room(const Rig& rig, const Simulation& simulation) {
     const auto found = std::find_if(simulation.projectors.begin(), simulation.projectors.end(),
                                     [&](const SimulatedProjector& p) { return p.id == spec.id; });
     if (found == simulation.projectors.end())
-      return error(ErrorCode::kBadValue, "projector '{}' has no [[simulation.projector]] with that id; add one", spec.id);
+      return error(ErrorCode::kBadValue, "projector '{}' has no [[simulation.projector]] with that id; add one",
+                   spec.id);
     CS_TRY_VOID(check_projector(*found));
     for (int side : spec.resolution) CS_TRY_VOID(within("projector '" + spec.id + "' resolution", side, 4, 65535));
   }

@@ -8,8 +8,12 @@ namespace countershade::simdata {
 
 namespace {
 
-double radians(double degrees) { return degrees * std::numbers::pi / 180; }
-Eigen::Vector3d vector(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
+double radians(double degrees) {
+  return degrees * std::numbers::pi / 180;
+}
+Eigen::Vector3d vector(const std::array<double, 3>& a) {
+  return {a[0], a[1], a[2]};
+}
 
 }  // namespace
 
@@ -18,8 +22,8 @@ Screen room_screen(const Simulation& s) {
   const Eigen::Vector3d left(-std::sin(half), 0, std::cos(half)), right(std::sin(half), 0, std::cos(half));
   const Eigen::Vector3d up(0, 1, 0);
   Screen screen;
-  screen.surfaces.push_back(std::make_shared<PlaneSurface>(
-      s.left_size[0] * left + s.left_rise * up, -s.left_size[0] * left, s.left_size[1] * up));
+  screen.surfaces.push_back(std::make_shared<PlaneSurface>(s.left_size[0] * left + s.left_rise * up,
+                                                           -s.left_size[0] * left, s.left_size[1] * up));
   screen.surfaces.push_back(
       std::make_shared<PlaneSurface>(s.right_rise * up, s.right_size[0] * right, s.right_size[1] * up));
   if (s.left_rise == s.right_rise && s.left_size[1] == s.right_size[1])

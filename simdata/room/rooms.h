@@ -16,8 +16,8 @@ struct RigAndRoom {
 RigAndRoom default_two_wall();
 
 // A two-wall room drawn from the study distribution (docs/rooms.md): angle 80-110 degrees, walls 2.4-3.6 m wide and
-// 1.8-2.4 m high, albedo .7-.85 with a tint per wall, throw 1.0-1.6, vertical lens shift .1-.3, horizontal .01 rms; each
-// projector covers its wall and spills >= 30 cm over the edge. Every draw is asymmetric in every index.
+// 1.8-2.4 m high, albedo .7-.85 with a tint per wall, throw 1.0-1.6, vertical lens shift .1-.3, horizontal .01 rms;
+// each projector covers its wall and spills >= 30 cm over the edge. Every draw is asymmetric in every index.
 RigAndRoom random_two_wall(std::uint64_t seed);
 
 // Walls of a simulated room as surfaces (world frame of the simulation), in the order left, right. v is upward, in

@@ -11,7 +11,9 @@ namespace countershade::simdata {
 
 namespace {
 
-std::array<double, 3> array(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+std::array<double, 3> array(const Eigen::Vector3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
 
 struct Box {
   Eigen::Vector2d low = Eigen::Vector2d::Constant(HUGE_VAL), high = Eigen::Vector2d::Constant(-HUGE_VAL);
@@ -37,8 +39,8 @@ std::array<double, 3> turned(const Device& device, const Eigen::Vector2d& move, 
 
 // Where a projector stands in front of its wall, before it is aimed.
 struct Mount {
-  double along = 0;   // from the wall's middle, outward, m
-  double height = 0;  // above the height that the lens shift asks for, m
+  double along = 0;    // from the wall's middle, outward, m
+  double height = 0;   // above the height that the lens shift asks for, m
   double spill = 0.4;  // of its picture over the crease, m along the neighbour, at the height where it is least
 };
 
@@ -133,7 +135,9 @@ RigAndRoom blank() {
 }
 
 // To a decimal fraction: unit = 1 / (a power of ten).
-double rounded(double value, double unit) { return std::round(value / unit) / std::round(1 / unit); }
+double rounded(double value, double unit) {
+  return std::round(value / unit) / std::round(1 / unit);
+}
 
 // What an operator would type: millimetres and tenths of a pixel. Nothing depends on more digits.
 void round_numbers(Simulation& s) {

@@ -57,7 +57,6 @@ bool meets(const std::vector<Eigen::Vector3d>& planes, const std::vector<Points>
     if (heights.empty()) return false;
     std::sort(heights.begin(), heights.end());
     const double low = heights[heights.size() / 100], high = heights[heights.size() * 99 / 100];
-    fprintf(stderr, "meets %d %d low %g high %g n %zu\n", a, b, low, high, heights.size());
     if (low < -0.05 * high || low > 0.1 * high) return false;
   }
   Eigen::Matrix<double, 2, 3> A;

@@ -13,8 +13,8 @@ namespace countershade::solver {
 using Polygon = std::span<const Eigen::Vector3d>;  // planar, convex, anticlockwise seen from the lit side
 
 // Exact form factor F_ab of two planar convex polygons: the fraction of the diffuse light leaving a that arrives at b.
-// Parts behind the other's plane are clipped away; 0 for a polygon of no area. Relative error <= 1e-9 while the angle
-// between the lit sides is below 179 degrees, and <= 1e-12 / (1 + cos angle) beyond, where the sum cancels.
+// Parts behind the other's plane are clipped away; 0 for a polygon of no area. Error <= 1e-9 F + 1e-14, touching or
+// not.
 //
 //   A_a F_ab = 1/(2 pi) closed-integral_a closed-integral_b ln r  dx_a . dx_b   (Schroeder & Hanrahan 1993; PHYSICS 7)
 double form_factor(Polygon a, Polygon b);
@@ -36,10 +36,9 @@ double adjacent_rectangles(double l, double a, double b);
 
 // All patch-to-patch form factors of a screen of planes, (P, P): F(i, j) is the weight of B_j in the gather
 // B_i = .. + M_i sum_j F_ij B_j, which is the form factor from i to j: the fraction of i's light that arrives at j. So
-// row sums are <= 1, and 1 in a closed room. Reciprocal, A_i F_ij = A_j F_ji, to the rounding of floats (both come from
-// one exchange A_i F_ij). Relative error <= 1e-7, rounding included (3e-8 / (1 + cos angle) for walls flatter than 170
-// degrees). Zero within a plane. Requires plane surfaces (a Bug otherwise). No occlusion: planes that hide each other
-// are a matter of a later ladder.
+// row sums are <= 1, and 1 in a closed room. Both directions come from one exchange A_i F_ij = A_j F_ji: reciprocal to
+// the rounding of floats. Error <= 1e-7 F, rounding included. Zero within a plane. Requires plane surfaces (a Bug
+// otherwise). No occlusion: planes that hide each other are a matter of a later ladder.
 enum class FormFactorMethod { kExact, kCentre };
 Eigen::MatrixXf form_factors(const Screen& screen, const Patches& patches, FormFactorMethod method, Progress& progress);
 

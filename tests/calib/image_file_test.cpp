@@ -173,6 +173,39 @@ TEST(ReadImage, RefusesFilesCutAnywhere) {
   }
 }
 
+// An uncompressed 8-bit grey TIFF whose directory comes first, as some cameras' software writes it: 8 rows of 8 strips.
+std::string tiff_with_directory_in_front() {
+  std::string bytes("II*\0\x08\0\0\0", 8);
+  const auto put = [&](std::uint32_t n, int count) {
+    for (int i = 0; i < count; ++i) bytes.push_back(static_cast<char>(n >> 8 * i & 255));
+  };
+  const std::uint32_t strips = 8, data = 8 + 2 + 9 * 12 + 4, pixels = data + 2 * 4 * strips;
+  put(9, 2);
+  const std::uint32_t fields[9][4] = {{256, 3, 1, 100}, {257, 3, 1, 8}, {258, 3, 1, 8},
+                                      {259, 3, 1, 1},   {262, 3, 1, 1}, {273, 4, strips, data},
+                                      {277, 3, 1, 1},   {278, 3, 1, 1}, {279, 4, strips, data + 4 * strips}};
+  for (const auto& f : fields) put(f[0], 2), put(f[1], 2), put(f[2], 4), put(f[3], 4);
+  put(0, 4);
+  for (std::uint32_t i = 0; i < strips; ++i) put(pixels + 100 * i, 4);
+  for (std::uint32_t i = 0; i < strips; ++i) put(100, 4);
+  for (int i = 0; i < 800; ++i) bytes.push_back(static_cast<char>(1 + i % 251));
+  return bytes;
+}
+
+TEST(ReadImage, RefusesATiffThatEndsWithinItsPixels) {
+  TemporaryFolder folder;
+  const std::string bytes = tiff_with_directory_in_front();
+  ASSERT_TRUE(write_atomically(folder / "whole.tif", bytes));
+  const auto whole = read_image(folder / "whole.tif");
+  ASSERT_TRUE(whole) << whole.error().message;
+  EXPECT_EQ(whole->values.at(99, 7), 1 + 799 % 251);
+  for (std::size_t missing : {1, 99, 101, 700}) {
+    ASSERT_TRUE(write_atomically(folder / "cut.tif", std::string_view(bytes).substr(0, bytes.size() - missing)));
+    SCOPED_TRACE(missing);
+    expect_bad_file(read_image(folder / "cut.tif"), "cut.tif");
+  }
+}
+
 TEST(ReadImage, RefusesWhatIsNoImage) {
   TemporaryFolder folder;
   for (const char* name : {"missing.png", "missing.tif", "missing.exr"})

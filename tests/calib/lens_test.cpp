@@ -156,6 +156,14 @@ TEST(Lens, UnprojectStaysBeforeTheFoldOfAStrongBarrel) {
   EXPECT_TRUE(lens.unproject({0, 0}).hasNaN());
 }
 
+TEST(Lens, UnprojectDoesNotJumpOverTheFold) {
+  // r - r^3 + .4 r^5 folds at r = sqrt(.5), where it is .424264, and passes that height again from r = 1.07 on.
+  const Lens lens = Lens::make("LENSMODEL_OPENCV4", {1000, 1000, 800, 500, -1, 0.4, 0, 0}, 1600, 1000).value();
+  EXPECT_LT(lens.unproject({800 + 424.2, 500}).hnormalized().norm(), std::sqrt(0.5));
+  for (double beyond : {424.3, 425.0, 430.0, 450.0, 500.0})
+    EXPECT_TRUE(lens.unproject({800 + 0.8 * beyond, 500 - 0.6 * beyond}).hasNaN()) << beyond;
+}
+
 TEST(Lens, OtherModelsAreMrcals) {
   Random random = seeded();
   for (const char* model : kOthers) {

@@ -107,7 +107,9 @@ TEST(CaptureSession, NoiseIsNeitherTakenForAChangeNorHidesOne) {
     Listener listener;
     const auto done = run(room, folder, fake::rig(), listener);
     ASSERT_TRUE(done) << done.error().message;
-    if (latency == 0) EXPECT_EQ(listener.said, "");
+    if (latency == 0) {
+      EXPECT_EQ(listener.said, "");
+    }
     for (const Frame& frame : fake::sequence().frames) {
       const Image a = read_image(photo(folder, frame.index)).value().values;
       const Image b = read_image(photo(scratch / "plain", frame.index)).value().values;
@@ -123,7 +125,7 @@ TEST(CaptureSession, NoiseIsNeitherTakenForAChangeNorHidesOne) {
 TEST(CaptureSession, DisplayThatStandsStillIsAnErrorThatNamesTheFrame) {
   fake::Scratch scratch("frozen");
   auto room = std::make_shared<Room>();
-  room->frozen_after = 5;  // four shows to settle, white, black: frame 2 is the first that does not appear
+  room->frozen_after = 6;  // four shows to settle, a probe, white, black: frame 2 is the first that does not appear
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kDevice);
@@ -142,16 +144,19 @@ TEST(CaptureSession, DisplayThatNeverChangesLeavesNoPhoto) {
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kDevice);
-  EXPECT_THAT(done.error().message, AllOf(HasSubstr("frame 0 (white"), HasSubstr("no camera sees any change")));
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("no camera sees a change between black and white"),
+                                          HasSubstr("4 tries"), HasSubstr("lens cap")));
   EXPECT_EQ(photos_in(scratch / "s"), 0);
 }
 
-// Triggers: two to settle, then one a frame. Frame 5 is the inverse of frame 4; five shows ago white was shown.
+// Triggers: two to settle, one probe, then one a frame.
+constexpr int kFirst = 3;
+
 TEST(CaptureSession, InverseThatDoesNotAddUpIsRetaken) {
   fake::Scratch scratch("pair");
   const auto expected = undisturbed(scratch / "plain");
   auto room = std::make_shared<Room>();
-  room->wrong[2 + 5] = 2;
+  room->wrong[kFirst + 5] = 2;
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
   EXPECT_THAT(listener.said, AllOf(HasSubstr("frame 5"), HasSubstr("do not add up to white + black")));
@@ -162,7 +167,7 @@ TEST(CaptureSession, PartnerOfAPairThatDoesNotAddUpIsRetakenToo) {
   fake::Scratch scratch("partner");
   const auto expected = undisturbed(scratch / "plain");
   auto room = std::make_shared<Room>();
-  room->wrong[2 + 4] = 2;  // frame 4 shows frame 2: a change against frame 3, so only its inverse tells
+  room->wrong[kFirst + 4] = 2;  // frame 4 shows frame 2: a change against frame 3, so only its inverse tells
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
   EXPECT_THAT(listener.said, HasSubstr("do not add up to white + black"));
@@ -187,8 +192,22 @@ TEST(CaptureSession, ResumeTakesOnlyWhatIsMissing) {
   auto room = std::make_shared<Room>();
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
-  EXPECT_EQ(room->triggers, 2 + 2);  // the reference twice, and the two photos
+  EXPECT_EQ(room->triggers, kFirst + 2);  // the reference twice, the probe, and the two photos
   EXPECT_THAT(listener.said, AllOf(HasSubstr("0009.tif"), HasSubstr("taken again")));
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+// Stripes too fine for a prediction, where the capture was stopped: only a latency that is known beforehand helps.
+TEST(CaptureSession, ResumeMeasuresTheLatencyBeforeTheFirstFrame) {
+  fake::Scratch scratch("late");
+  const auto expected = undisturbed(scratch / "s");
+  for (int index : {6, 7, 14}) fs::remove(photo(scratch / "s", index));
+  auto room = std::make_shared<Room>();
+  room->latency = 2;
+  Listener listener;
+  ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
+  EXPECT_THAT(listener.said, HasSubstr("each picture is shown 3 times"));
+  EXPECT_EQ(room->triggers, 2 + 3 + 3);  // the reference, the probe until it is seen, and each photo once
   EXPECT_EQ(fake::tree(scratch / "s"), expected);
 }
 
@@ -226,7 +245,7 @@ TEST(CaptureSession, FlickerDoesNotMakeAnOldPictureANewOne) {
   fake::Scratch scratch("flicker");
   auto room = std::make_shared<Room>();
   room->flicker = 0.02;
-  room->wrong[2 + 1] = 1;  // the photo of black shows the white before it, two percent brighter
+  room->wrong[kFirst + 1] = 1;  // the photo of black shows the white before it, two percent brighter
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
   EXPECT_THAT(listener.said, HasSubstr("frame 1 (black of left): camera 'cam' still shows the former frame"));
@@ -275,7 +294,7 @@ TEST(CaptureSession, KilledAgainAndAgainAtAnyMomentItLosesNothing) {
     int status = 0;
     waitpid(child, &status, 0);
     done = WIFEXITED(status);
-    if (done) ASSERT_EQ(WEXITSTATUS(status), 0);
+    ASSERT_TRUE(!done || WEXITSTATUS(status) == 0);
     const auto files = fs::exists(scratch / "s") ? fake::tree(scratch / "s") : std::map<std::string, std::string>();
     std::size_t now = 0;
     for (const auto& [name, bytes] : files)
@@ -362,7 +381,7 @@ TEST(CaptureSession, CameraThatFailsIsReportedAndTheSessionResumes) {
   fake::Scratch scratch("unplugged");
   const auto expected = undisturbed(scratch / "plain");
   auto room = std::make_shared<Room>();
-  room->fail_at = 9;
+  room->fail_at = kFirst + 7;
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kDevice);

@@ -13,7 +13,8 @@ using test::simulate;
 using test::small_room;
 
 // Lambert 1760: share of the light at x (normal n) that a uniform convex polygon, anticlockwise from x, sends.
-double polygon_form_factor(const Eigen::Vector3d& x, const Eigen::Vector3d& n, const std::vector<Eigen::Vector3d>& polygon) {
+double polygon_form_factor(const Eigen::Vector3d& x, const Eigen::Vector3d& n,
+                           const std::vector<Eigen::Vector3d>& polygon) {
   double sum = 0;
   for (std::size_t i = 0; i < polygon.size(); ++i) {
     const Eigen::Vector3d a = (polygon[i] - x).normalized(), b = (polygon[(i + 1) % polygon.size()] - x).normalized();
@@ -43,7 +44,8 @@ TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
   s.right_albedo = {.02, .01, .03};
   const Screen screen = simdata::room_screen(s);
   const double far = 100;  // a picture of 5 x 3.1 m
-  const Eigen::Vector3d middle = screen.surfaces[1]->point(.5, .5), at = middle + far * screen.surfaces[1]->normal(0, 0);
+  const Eigen::Vector3d middle = screen.surfaces[1]->point(.5, .5),
+                        at = middle + far * screen.surfaces[1]->normal(0, 0);
   for (SimulatedProjector& p : s.projectors) {
     p.position = {at.x(), at.y(), at.z()}, p.target = {middle.x(), middle.y(), middle.z()};
     p.throw_ratio = 20, p.lens_shift = {0, 0}, p.roll_deg = 0, p.falloff = 0, p.black_level = 0, p.gain = 1;
@@ -71,7 +73,8 @@ TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
         const double expected = simulator->scale(0) * s.left_albedo[c] * s.right_albedo[c] * irradiance * F;
         // 256 antithetic strata and linear interpolation between 28 x 20 receivers: 1.5 %, most beside the crease; more
         // where F itself is small.
-        EXPECT_NEAR(light.indirect.at(x, y, c) / expected, 1, .015 + 3e-4 / F) << x << " " << y << " " << c << " F " << F;
+        EXPECT_NEAR(light.indirect.at(x, y, c) / expected, 1, .015 + 3e-4 / F)
+            << x << " " << y << " " << c << " F " << F;
         ++checked;
       }
     }

@@ -11,8 +11,8 @@ namespace countershade {
 namespace {
 
 using test::flat;
-using test::small_room;
 using test::simulate;
+using test::small_room;
 
 // One simulator of the small room for all tests that change nothing.
 const simdata::Simulator& shared() {
@@ -20,7 +20,9 @@ const simdata::Simulator& shared() {
   return *simulator;
 }
 
-Eigen::Vector3d vector(const std::array<double, 3>& a) { return {a[0], a[1], a[2]}; }
+Eigen::Vector3d vector(const std::array<double, 3>& a) {
+  return {a[0], a[1], a[2]};
+}
 
 // The inverse square law from the projector's place, throw and axis alone.
 double irradiance(const SimulatedProjector& p, const Eigen::Vector3d& x, const Eigen::Vector3d& normal) {
@@ -78,7 +80,8 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
       const Eigen::Vector3d normal(g.normal.at(x, y, 0), g.normal.at(x, y, 1), g.normal.at(x, y, 2));
       const double unit = irradiance(p, point, normal) / (p.throw_ratio * p.throw_ratio);
       const double distance = std::sqrt(lit.at(x, y, 0) / simulator->scale(0) / room.simulation.left_albedo[0] / unit);
-      EXPECT_GT(distance, 3.5); EXPECT_LT(distance, 4.6);  // the projector stands 3.5 to 4.6 m from its wall's points
+      EXPECT_GT(distance, 3.5);
+      EXPECT_LT(distance, 4.6);  // the projector stands 3.5 to 4.6 m from its wall's points
       ++checked;
     }
   EXPECT_GT(checked, 20);
@@ -120,7 +123,8 @@ TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
 
 TEST(DirectLight, GreyPictureGivesBlackLevelPlusGammaOfItsValue) {
   const std::vector<Picture> white{flat(1), flat(1)}, grey{flat(.5), flat(.5)}, black{{}, {}};
-  const Image w = shared().light(0, white).direct, g = shared().light(0, grey).direct, b = shared().light(0, black).direct;
+  const Image w = shared().light(0, white).direct, g = shared().light(0, grey).direct,
+              b = shared().light(0, black).direct;
   const double expected = .001 + .999 * std::pow(std::lround(65535 * .5) / 65535., 2.2);
   double brightest = 0;
   for (std::size_t i = 0; i < w.data().size(); ++i) {
@@ -133,7 +137,8 @@ TEST(DirectLight, GreyPictureGivesBlackLevelPlusGammaOfItsValue) {
 
 TEST(DirectLight, ComesFromTheProjectorPixelThatTheGeometryNames) {
   const int edge = 71;
-  const std::vector<Picture> pictures{test::picture([](int x, int y, int) { return x < edge && y > 33 ? 1. : 0.; }), {}};
+  const std::vector<Picture> pictures{test::picture([](int x, int y, int) { return x < edge && y > 33 ? 1. : 0.; }),
+                                      {}};
   const Image lit = shared().light(0, pictures).direct;
   const Image all = shared().light(0, std::vector<Picture>{flat(1), {}}).direct;
   const simdata::TrueGeometry g = shared().geometry(0);
@@ -172,7 +177,8 @@ TEST(Light, BrightestWhiteComesToTheWhiteLevel) {
   std::vector<float> brightest;
   for (std::size_t i = 0; i < white.direct.pixels(); ++i) {
     float most = 0;
-    for (int c = 0; c < 3; ++c) most = std::max(most, white.direct.data()[3 * i + c] + white.indirect.data()[3 * i + c]);
+    for (int c = 0; c < 3; ++c)
+      most = std::max(most, white.direct.data()[3 * i + c] + white.indirect.data()[3 * i + c]);
     brightest.push_back(most);
   }
   std::sort(brightest.begin(), brightest.end());
@@ -214,7 +220,8 @@ TEST(Make, ImpossibleRoomsAreRefusedByName) {
   EXPECT_NE(made.error().message.find("left_albedo"), std::string::npos) << made.error().message;
   room = small_room();
   room.simulation.projectors[1].target = {0, 0, 100};
-  EXPECT_NE(simdata::Simulator::make(room.rig, room.simulation, progress).error().message.find("right"), std::string::npos);
+  EXPECT_NE(simdata::Simulator::make(room.rig, room.simulation, progress).error().message.find("right"),
+            std::string::npos);
   room = small_room();
   room.simulation.cameras.clear();
   EXPECT_FALSE(simdata::Simulator::make(room.rig, room.simulation, progress).has_value());

@@ -37,7 +37,8 @@ double covered(const RigAndRoom& made, int q) {
   const Device device = *simdata::true_projector(made.simulation, made.rig, made.rig.projectors[q].id);
   int inside = 0;
   for (int j = 0; j < 60; ++j)
-    for (int i = 0; i < 60; ++i) inside += device.lens.contains(device.project(screen.surfaces[q]->point((i + .5) / 60, (j + .5) / 60)));
+    for (int i = 0; i < 60; ++i)
+      inside += device.lens.contains(device.project(screen.surfaces[q]->point((i + .5) / 60, (j + .5) / 60)));
   return inside / 3600.;
 }
 
@@ -93,7 +94,8 @@ TEST(TrueProjector, ThrowAndLensShiftAreWhatTheirDefinitionsSay) {
 TEST(TrueDevices, UnknownIdsAreNamed) {
   const RigAndRoom made = simdata::default_two_wall();
   EXPECT_EQ(simdata::true_camera(made.simulation, "nobody").error().code, ErrorCode::kBadValue);
-  EXPECT_NE(simdata::true_projector(made.simulation, made.rig, "middle").error().message.find("middle"), std::string::npos);
+  EXPECT_NE(simdata::true_projector(made.simulation, made.rig, "middle").error().message.find("middle"),
+            std::string::npos);
 }
 
 TEST(DefaultRoom, EachProjectorCoversItsWallAndSpillsThirtyToFiftyCentimetres) {
@@ -137,8 +139,10 @@ TEST(RandomRooms, SpillAndCoverTheirWallsAndStayInTheirRanges) {
     EXPECT_GE(s.angle_deg, 80);
     EXPECT_LE(s.angle_deg, 110);
     for (const auto& size : {s.left_size, s.right_size}) {
-      EXPECT_GE(size[0], 2.4); EXPECT_LE(size[0], 3.6);
-      EXPECT_GE(size[1], 1.8); EXPECT_LE(size[1], 2.4);
+      EXPECT_GE(size[0], 2.4);
+      EXPECT_LE(size[0], 3.6);
+      EXPECT_GE(size[1], 1.8);
+      EXPECT_LE(size[1], 2.4);
     }
     for (const auto& albedo : {s.left_albedo, s.right_albedo})
       for (double a : albedo) EXPECT_NEAR(a, .775, .0751);
@@ -148,8 +152,10 @@ TEST(RandomRooms, SpillAndCoverTheirWallsAndStayInTheirRanges) {
 }
 
 TEST(RandomRooms, SameSeedSameRoomOtherSeedOtherRoom) {
-  EXPECT_EQ(simulation_text(simdata::random_two_wall(5).simulation), simulation_text(simdata::random_two_wall(5).simulation));
-  EXPECT_NE(simulation_text(simdata::random_two_wall(5).simulation), simulation_text(simdata::random_two_wall(6).simulation));
+  EXPECT_EQ(simulation_text(simdata::random_two_wall(5).simulation),
+            simulation_text(simdata::random_two_wall(5).simulation));
+  EXPECT_NE(simulation_text(simdata::random_two_wall(5).simulation),
+            simulation_text(simdata::random_two_wall(6).simulation));
 }
 
 }  // namespace

@@ -110,7 +110,7 @@ TEST(Report, EveryElementIsClosed) {
       const std::regex expression(pattern);
       return std::distance(std::sregex_iterator(html.begin(), html.end(), expression), std::sregex_iterator());
     };
-    EXPECT_EQ(count("<" + std::string(tag) + "[ >]"), count("</" + std::string(tag) + ">")) << tag;
+    EXPECT_EQ(count(fmt::format("<{}[ >]", tag)), count(fmt::format("</{}>", tag))) << tag;
   }
 }
 
