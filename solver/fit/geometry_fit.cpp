@@ -108,35 +108,40 @@ Result<Candidate> fit_alone(const Problem& problem, int q) {
   return best;
 }
 
-// All projectors in one scale: each one's scale follows from the planes it shares with those already placed.
-Result<Bundle> join(const Problem& problem, std::vector<Candidate> candidates) {
+// All projectors in one scale, that of `anchor`: the others are resected on the planes already placed, and bring the planes
+// they light besides.
+Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candidates, std::size_t anchor) {
   Bundle joint;
   joint.planes.assign(problem.planes, Eigen::Vector3d::Zero());
   joint.projectors.resize(candidates.size());
   std::vector<bool> placed(candidates.size());
   for (std::size_t round = 0; round < candidates.size(); ++round) {
-    int next = -1;
-    double scale = 1;
-    for (std::size_t q = 0; q < candidates.size() && next < 0; ++q) {
-      if (placed[q]) continue;
-      std::vector<double> ratios;
+    std::size_t next = candidates.size();
+    std::vector<double> ratios;  // of scales, over the planes in common
+    for (std::size_t q = 0; q < candidates.size() && next == candidates.size(); ++q) {
+      if (placed[q] || (round == 0 && q != anchor)) continue;
+      ratios.clear();
       for (int p = 0; p < problem.planes; ++p)
         if (joint.planes[p].norm() > 0 && candidates[q].bundle.planes[p].norm() > 0)
           ratios.push_back(candidates[q].bundle.planes[p].norm() / joint.planes[p].norm());
-      if (round > 0 && ratios.empty()) continue;
-      if (round > 0)
-        std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end()),
-            scale = ratios[ratios.size() / 2];
-      next = static_cast<int>(q);
+      if (round == 0 || !ratios.empty()) next = q;
     }
-    if (next < 0)
+    if (next == candidates.size())
       return error(ErrorCode::kRefused,
                    "the projectors light no common plane, so their scales cannot be joined; let two of them overlap or "
                    "spill onto the same wall");
     placed[next] = true;
-    Bundle& own = candidates[next].bundle;
+    double scale = 1;
+    if (!ratios.empty()) {
+      std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end());
+      scale = ratios[ratios.size() / 2];
+    }
+    const Bundle& own = candidates[next].bundle;
     joint.projectors[next] = own.projectors[0];
     joint.projectors[next].projector_from_camera.translation *= scale;
+    if (round > 0)
+      if (const auto start = parts::resect(problem.matches[next], joint.planes))
+        joint.projectors[next] = {start->focal, start->cx, start->cy, start->projector_from_camera};
     for (int p = 0; p < problem.planes; ++p)
       if (joint.planes[p].norm() == 0) joint.planes[p] = own.planes[p] / scale;
   }
@@ -144,12 +149,14 @@ Result<Bundle> join(const Problem& problem, std::vector<Candidate> candidates) {
 }
 
 // Gives every match to the plane that explains it best, or to none; then adjusts everything together.
-parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options, bool covariance, Bundle& bundle) {
+// `reach`: projector pixels within which a match belongs to a plane.
+parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options, double reach, bool covariance,
+                               Bundle& bundle) {
   std::vector<Matches> chosen;
   for (std::size_t q = 0; q < problem.matches.size(); ++q) {
     const Bundle::Projector& p = bundle.projectors[q];
     for (parts::Match& m : problem.matches[q]) {
-      double best = 2.0;  // projector pixels, as in the segmentation
+      double best = reach;
       m.plane = -1;
       for (int label = 0; label < problem.planes; ++label) {
         const double inverse_depth = bundle.planes[label].dot(m.ray.homogeneous());
@@ -230,9 +237,18 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
     candidates.push_back(std::move(candidate));
     progress.step("geometry", 2.0 + q, steps);
   }
-  CS_TRY(Bundle bundle, join(problem, std::move(candidates)));
-  adjust_all(problem, options, false, bundle);
-  const parts::BundleResult result = adjust_all(problem, options, true, bundle);
+  // Any projector alone may have drifted along its weak direction (PHYSICS 6); together they hold each other. So each is
+  // tried as the one to begin with, and the adjustment of all decides.
+  Bundle bundle;
+  double least = HUGE_VAL;
+  for (std::size_t anchor = 0; anchor < candidates.size(); ++anchor) {
+    CS_TRY(Bundle joint, join(problem, candidates, anchor));
+    const double cost = adjust_all(problem, options, 2.0, false, joint).cost;
+    if (cost < least) least = cost, bundle = joint;
+  }
+  if (!std::isfinite(least)) return error(ErrorCode::kRefused, "the projectors' views contradict each other: no common geometry explains all correspondences; did anything move during the capture?");
+  adjust_all(problem, options, 1.5, false, bundle);
+  const parts::BundleResult result = adjust_all(problem, options, 1.0, true, bundle);
   GeometryFit fit;
   fill_charts(problem, bundle, fit);
   scale_to_metres(camera, screen, bundle, fit, fit.scale_known);

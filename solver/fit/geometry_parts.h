@@ -1,6 +1,7 @@
 // The steps of fit_geometry, in order; each is tested on its own.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "solver/fit/geometry_fit.h"
@@ -47,6 +48,10 @@ std::vector<Start> starts_from_plane(const Matches& matches, const ProjectorSpec
 
 // Plane {x : w . x = 1} in the camera frame, fitted to triangulated matches; label by label.
 std::vector<Eigen::Vector3d> planes_from_start(const Start& start, const Matches& matches, int planes);
+
+// Where a projector stands whose matches lie on at least two known planes: linear resection (Hartley & Zisserman 2004, 7.1),
+// made a camera with square pixels. Nothing where the matches do not determine it.
+std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vector3d>& planes);
 
 // The state the bundle adjustment improves.
 struct Bundle {

@@ -159,6 +159,57 @@ std::vector<Start> starts_from_plane(const Matches& matches, const ProjectorSpec
   return starts;
 }
 
+std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vector3d>& planes) {
+  std::vector<Eigen::Vector3d> points;
+  std::vector<Eigen::Vector2d> pixels;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+  for (const Match& m : matches) {
+    if (m.plane < 0 || planes[m.plane].norm() == 0) continue;
+    points.push_back(m.ray.homogeneous() / planes[m.plane].dot(m.ray.homogeneous()));
+    pixels.push_back(m.q);
+    mean += points.back();
+  }
+  if (points.size() < 50) return std::nullopt;
+  mean /= static_cast<double>(points.size());
+  double spread = 0;
+  for (const auto& x : points) spread += (x - mean).norm() / points.size();
+  Eigen::Matrix4d T = Eigen::Matrix4d::Identity();
+  T.topLeftCorner<3, 3>() /= spread;
+  T.topRightCorner<3, 1>() = -mean / spread;
+  const Eigen::Matrix3d U = normaliser(pixels);
+  Eigen::Matrix<double, 12, 12> normal = Eigen::Matrix<double, 12, 12>::Zero();
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const Eigen::Vector4d x = T * points[i].homogeneous();
+    const Eigen::Vector3d q = U * pixels[i].homogeneous();
+    Eigen::Matrix<double, 2, 12> rows = Eigen::Matrix<double, 2, 12>::Zero();
+    rows.block<1, 4>(0, 0) = rows.block<1, 4>(1, 4) = x.transpose();
+    rows.block<1, 4>(0, 8) = -q.x() * x.transpose();
+    rows.block<1, 4>(1, 8) = -q.y() * x.transpose();
+    normal += rows.transpose() * rows;
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> eigen(normal);
+  if (!(eigen.eigenvalues()[1] > 1e-9 * eigen.eigenvalues()[11])) return std::nullopt;  // one plane only
+  Eigen::Matrix<double, 3, 4> P = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(eigen.eigenvectors().col(0).data());
+  P = U.inverse() * P * T;
+  if ((P * points[0].homogeneous()).z() < 0) P = -P;
+  // P = K [R t]: the rows of its left part give K and R from below.
+  const Eigen::Vector3d r1 = P.row(0).head<3>(), r2 = P.row(1).head<3>(), r3 = P.row(2).head<3>();
+  const double scale = r3.norm();
+  Start start;
+  start.cx = r1.dot(r3) / (scale * scale);
+  start.cy = r2.dot(r3) / (scale * scale);
+  const Eigen::Vector3d x = r1 / scale - start.cx * r3 / scale, y = r2 / scale - start.cy * r3 / scale;
+  start.focal = std::sqrt(x.norm() * y.norm());
+  Eigen::Matrix3d R;
+  R.row(0) = x.normalized(), R.row(1) = y.normalized(), R.row(2) = r3 / scale;
+  const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  R = svd.matrixU() * svd.matrixV().transpose();
+  if (R.determinant() < 0 || !std::isfinite(start.focal)) return std::nullopt;
+  const Eigen::Vector3d p = P.col(3) / scale;
+  start.projector_from_camera = {R, {(p.x() - start.cx * p.z()) / start.focal, (p.y() - start.cy * p.z()) / start.focal, p.z()}};
+  return start;
+}
+
 std::vector<Eigen::Vector3d> planes_from_start(const Start& start, const Matches& matches, int planes) {
   const Eigen::Matrix3d K_inverse = intrinsic_matrix(start.focal, start.cx, start.cy).inverse();
   std::vector<std::vector<Eigen::Vector3d>> points(planes);

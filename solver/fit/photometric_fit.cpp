@@ -190,14 +190,6 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
   std::vector<Radiosity> shade;  // F m of each frame
   for (const PatchFrame& frame : data.frames) shade.push_back(F * frame.m);
 
-  {  // DEBUG
-    FILE* f = fopen("/tmp/dump.bin", "wb");
-    int head[3] = {P, (int)data.frames.size(), (int)projectors};
-    fwrite(head, 4, 3, f);
-    auto put = [&](const Radiosity& r) { for (int i = 0; i < P; ++i) for (int c = 0; c < 3; ++c) { float v = r(i, c); fwrite(&v, 4, 1, f); } };
-    for (size_t k = 0; k < data.frames.size(); ++k) { put(data.frames[k].m); put(data.frames[k].sigma); put(shade[k]); for (auto& p : data.frames[k].p) put(p); }
-    fclose(f);
-  }
   PhotometricFit fit;
   fit.a.assign(projectors, Radiosity::Zero(P, 3));
   fit.e = fit.k = fit.k_sigma = Radiosity::Zero(P, 3);

@@ -16,6 +16,9 @@ namespace {
 // for a wrong one away from the crease.
 constexpr double kInlierPx = 2.0;
 
+// Decoded positions of neighbouring pixels share their rounding, so no match counts as better than this [px].
+constexpr double kLeastSigma = 0.2;
+
 double residual(const Eigen::Matrix3d& H, const Match& match) {
   const Eigen::Vector3d h = H * match.ray.homogeneous();
   return (h.hnormalized() - match.q).norm();
@@ -87,7 +90,7 @@ Matches draw_matches(const Device& camera, const ProjectorObservation& observati
     const Eigen::Vector3d ray = camera.lens.unproject({pixel % x.width(), pixel / x.width()});
     if (ray.z() <= 0.05) continue;  // beyond 87 degrees off axis a plane's map is no homography worth the name
     const double sigma = observation.sigma ? observation.sigma->data()[pixel] : 0.3;
-    matches.push_back({ray.hnormalized(), {x.data()[pixel], y.data()[pixel]}, std::max(0.05, sigma), pixel, -1});
+    matches.push_back({ray.hnormalized(), {x.data()[pixel], y.data()[pixel]}, std::max(kLeastSigma, sigma), pixel, -1});
   }
   return matches;
 }

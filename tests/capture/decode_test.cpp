@@ -183,6 +183,24 @@ TEST(Decode, CellsOfSeveralPixelsHaveTheirMiddleAsCoordinate) {
   EXPECT_LT(s.z2, 2.5);
 }
 
+TEST(Decode, APixelOnTheBorderOfTwoCellsIsReadAsTheBorder) {
+  // Every camera pixel looks at the border of columns 99 and 100, which one bit tells apart, and at its own row.
+  const Sequence sequence = code_of(View{});
+  const auto photos = [&](int index) -> Result<Photo> {
+    Photo photo{Image(24, 30, 1), Mask(24, 30, 1, 1), 0};
+    CS_TRY(const Picture picture, render_role(sequence.frames[index - 3].role, "p", 300, 220));
+    for (int v = 0; v < 30; ++v)
+      for (int u = 0; u < 24; ++u)
+        photo.value.at(u, v) = (picture.at(99, 50 + v) + picture.at(100, 50 + v)) / (4 * 65535.0f);
+    return photo;
+  };
+  SilentProgress silent;
+  const auto c = decode_frames(sequence, photos, "cam", "p", {}, silent);
+  ASSERT_TRUE(c) << c.error().message;
+  EXPECT_EQ(c->accepted, c->reason.pixels());
+  for (float x : c->x.data()) EXPECT_NEAR(x, 99.5, 1e-4);
+}
+
 TEST(Decode, NeedsNeitherWhiteNorBlack) {
   View view;
   view.full_well = 10000;
