@@ -39,34 +39,48 @@ struct GainPrior {
 };
 
 struct PatchSolution {
-  std::vector<double> x;  // a_1 .. a_Q, e, k
-  double k_sigma = 0;     // from the data alone (infinite where they say nothing)
+  std::vector<double> x;           // a_1 .. a_Q, e, k
+  double k_sigma = 0;              // from the data alone (infinite where they say nothing)
   double chi2 = 0;
-  int freedom = 0;  // equations less the parameters they determine
+  int freedom = 0;                 // equations less the parameters they determine
+  double excess = 0, spread2 = 0;  // sums of squared residuals over the noise, and of squared spreads
 };
+
+// What a patch gathers in one frame: F m, and how uncertain the senders' inner structure leaves it. A sender counts as one
+// value, although its radiosity varies over it; if that makes each value wrong by a share eps, independently, the sum has
+// the standard deviation eps sqrt(sum_j (F_ij m_j)^2): large beside a crease, where one sender dominates.
+struct Shade {
+  Radiosity sum, spread;
+};
+constexpr double kFirstShare = 0.02;  // eps of the first pass; the second takes what the residuals say
 
 struct PatchProblem {
   std::vector<std::vector<double>> rows;  // coefficients over sigma
   std::vector<double> measured;           // over sigma
+  std::vector<double> sigma, noise, spread;
   std::vector<bool> lit;                  // per projector
   double scale = 1;                       // largest m, the unit of weak priors
 };
 
-PatchProblem collect(const PhotometricData& data, const std::vector<Radiosity>& shade, int patch, int c) {
+PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shade, int patch, int c, double share) {
   PatchProblem problem;
   const std::size_t projectors = data.frames.empty() ? 0 : data.frames[0].p.size();
   problem.lit.assign(projectors, false);
   for (std::size_t f = 0; f < data.frames.size(); ++f) {
     const PatchFrame& frame = data.frames[f];
-    const double sigma = frame.sigma(patch, c);
-    if (!frame.channels[c] || !std::isfinite(sigma) || sigma <= 0) continue;
+    const double noise = frame.sigma(patch, c);
+    if (!frame.channels[c] || !std::isfinite(noise) || noise <= 0) continue;
+    const double spread = shade[f].spread(patch, c), sigma = std::hypot(noise, share * spread);
+    problem.sigma.push_back(sigma);
+    problem.noise.push_back(noise);
+    problem.spread.push_back(spread);
     std::vector<double> row;
     for (std::size_t q = 0; q < projectors; ++q) {
       row.push_back(frame.p[q](patch, c) / sigma);
       problem.lit[q] = problem.lit[q] || frame.p[q](patch, c) > 0.05;
     }
     row.push_back(1 / sigma);
-    row.push_back(shade[f](patch, c) / sigma);
+    row.push_back(shade[f].sum(patch, c) / sigma);
     problem.rows.push_back(std::move(row));
     problem.measured.push_back(frame.m(patch, c) / sigma);
     problem.scale = std::max(f ? problem.scale : 0.0, static_cast<double>(frame.m(patch, c)));
@@ -89,11 +103,14 @@ double k_sigma_of(const PatchProblem& problem, const std::vector<double>& weak) 
   return information > 1e-12 * normal(n - 1, n - 1) && information > 0 ? 1 / std::sqrt(information) : HUGE_VAL;
 }
 
-PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, double inflation, double robust_sigma) {
+// `start`: the solution of a former pass, from the data alone; then the prior is robust.
+PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, double inflation, double robust_sigma,
+                          const std::vector<double>* start) {
   const int n = static_cast<int>(problem.lit.size()) + 2;
   PatchSolution solution;
   solution.x.assign(n, 0.0);
   solution.x[n - 1] = prior.mean;
+  if (start) solution.x = *start;
   // Directions that no equation holds are kept at zero by a prior far weaker than any measurement.
   std::vector<double> weak(n, 1e-3 / std::max(problem.scale, 1e-9));
   for (std::size_t q = 0; q < problem.lit.size(); ++q)
@@ -112,8 +129,9 @@ PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, d
   for (int i = 0; i < n; ++i) {
     std::vector<double> row(n, 0.0);
     row[i] = weak[i];
-    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), i == n - 1 ? prior.mean * weak[i] : 0.0), nullptr,
-                                   x);
+    // A patch whose own equations contradict its surface's gain is believed: the prior's pull ends at a few spreads.
+    ceres::LossFunction* loss = i == n - 1 && start ? new ceres::CauchyLoss(2.0) : nullptr;
+    ceres_problem.AddResidualBlock(new PatchEquation(std::move(row), i == n - 1 ? prior.mean * weak[i] : 0.0), loss, x);
   }
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_QR;
@@ -130,27 +148,56 @@ PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, d
     double residual = -problem.measured[r];
     for (int i = 0; i < n; ++i) residual += problem.rows[r][i] * x[i];
     solution.chi2 += residual * residual;
+    const double correction = solution.freedom > 0 ? static_cast<double>(problem.rows.size()) / solution.freedom : 0;
+    const double square = std::pow(residual * problem.sigma[r], 2) * correction;
+    if (correction > 0) solution.excess += square - std::pow(problem.noise[r], 2), solution.spread2 += std::pow(problem.spread[r], 2);
   }
   return solution;
 }
 
 // Mean and spread of k over a surface: the spread is what is left of the scatter beyond the patches' own sigma
-// (DerSimonian & Laird 1986), so noise does not pass for structure.
-GainPrior pool(const std::vector<double>& k, const std::vector<double>& sigma) {
-  double weights = 0, weighted = 0, squares = 0;
-  for (std::size_t i = 0; i < k.size(); ++i) {
-    if (!std::isfinite(sigma[i])) continue;
-    const double w = 1 / (sigma[i] * sigma[i]);
-    weights += w, weighted += w * k[i], squares += w * w;
-  }
-  if (weights <= 0) return {0.5, 0.5};
-  const double mean = weighted / weights;
-  double Q = 0;
-  int count = 0;
+// (DerSimonian & Laird 1986), so noise does not pass for structure. Patches that hang over the wall's end gather less; they
+// are exceptions, not the surface, so what lies beyond three spreads is left out, round by round from the median on.
+GainPrior pool(std::vector<double> k, std::vector<double> sigma) {
+  std::vector<double> sorted;
   for (std::size_t i = 0; i < k.size(); ++i)
-    if (std::isfinite(sigma[i])) Q += std::min(25.0, (k[i] - mean) * (k[i] - mean) / (sigma[i] * sigma[i])), ++count;
-  const double variance = std::max(0.0, (Q - (count - 1)) / std::max(1e-12, weights - squares / weights));
-  return {mean, std::max(1e-3, std::sqrt(variance))};
+    if (std::isfinite(sigma[i])) sorted.push_back(k[i]);
+  if (sorted.empty()) return {0.5, 0.5};
+  std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
+  GainPrior prior{sorted[sorted.size() / 2], 0.1};
+  for (int round = 0; round < 6; ++round) {
+    double weights = 0, weighted = 0, squares = 0, Q = 0;
+    int count = 0;
+    std::vector<std::size_t> kept;
+    for (std::size_t i = 0; i < k.size(); ++i)
+      if (std::isfinite(sigma[i]) && std::abs(k[i] - prior.mean) < 3 * std::hypot(sigma[i], prior.sigma)) kept.push_back(i);
+    for (std::size_t i : kept) {
+      const double w = 1 / (sigma[i] * sigma[i] + prior.sigma * prior.sigma / 4);
+      weights += w, weighted += w * k[i], squares += w * w, ++count;
+    }
+    if (count < 3) break;
+    prior.mean = weighted / weights;
+    for (std::size_t i : kept) {
+      const double w = 1 / (sigma[i] * sigma[i] + prior.sigma * prior.sigma / 4);
+      Q += w * ((k[i] - prior.mean) * (k[i] - prior.mean) - sigma[i] * sigma[i]);
+    }
+    prior.sigma = std::max(2e-3, std::sqrt(std::max(0.0, Q / weights)));
+  }
+  return prior;
+}
+
+// The share eps that explains the residuals beyond noise: ratio of sums over all patches but the worst hundredth.
+double sender_share(const std::vector<std::vector<PatchSolution>>& solutions) {
+  std::vector<const PatchSolution*> all;
+  for (const auto& channel : solutions)
+    for (const PatchSolution& s : channel)
+      if (s.spread2 > 0) all.push_back(&s);
+  if (all.empty()) return kFirstShare;
+  const auto ratio = [](const PatchSolution* s) { return s->excess / s->spread2; };
+  std::sort(all.begin(), all.end(), [&](const auto* a, const auto* b) { return ratio(a) < ratio(b); });
+  double excess = 0, spread2 = 0;
+  for (std::size_t i = 0; i < all.size() * 99 / 100; ++i) excess += all[i]->excess, spread2 += all[i]->spread2;
+  return spread2 > 0 ? std::sqrt(std::max(0.0, excess / spread2)) : kFirstShare;
 }
 
 // Errors of predicted held-out frames at seen patches, as fractions of white.
@@ -187,28 +234,33 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
         "with the sequence that `countershade patterns` writes",
         data.frames.size());
   const std::size_t projectors = data.frames[0].p.size();
-  std::vector<Radiosity> shade;  // F m of each frame
-  for (const PatchFrame& frame : data.frames) shade.push_back(F * frame.m);
+  std::vector<Shade> shade;
+  const Eigen::MatrixXf F2 = F.cwiseAbs2();
+  for (const PatchFrame& frame : data.frames)
+    shade.push_back({F * frame.m, Radiosity(F2 * frame.m.cwiseAbs2()).cwiseSqrt()});
 
   PhotometricFit fit;
   fit.a.assign(projectors, Radiosity::Zero(P, 3));
   fit.e = fit.k = fit.k_sigma = Radiosity::Zero(P, 3);
   std::vector<std::vector<PatchSolution>> solutions(3, std::vector<PatchSolution>(P));
   std::vector<std::vector<GainPrior>> priors(3, std::vector<GainPrior>(patches.surfaces()));
-  double inflation = 1;
+  double inflation = 1, share = kFirstShare;
   for (int pass = 0; pass < 2; ++pass) {
     progress.step("photometric fit", pass, 2);
+    const auto before = solutions;
     parallel_for(P, [&](int i) {
       if (data.seen[i] <= 0) return;
       for (int c = 0; c < 3; ++c)
         solutions[c][i] =
-            solve_patch(collect(data, shade, i, c), priors[c][patches.surface_of(i)], inflation, options.robust_sigma);
+            solve_patch(collect(data, shade, i, c, share), priors[c][patches.surface_of(i)], inflation,
+                                         options.robust_sigma, pass > 0 ? &before[c][i].x : nullptr);
     });
     double chi2 = 0, freedom = 0;
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < P; ++i) chi2 += solutions[c][i].chi2, freedom += solutions[c][i].freedom;
     if (pass == 0) fit.chi2 = freedom > 0 ? chi2 / freedom : 0;
     inflation = std::sqrt(std::max(1.0, fit.chi2));
+    if (pass == 0) share = sender_share(solutions);
     for (int c = 0; c < 3 && pass == 0; ++c)
       for (int s = 0; s < patches.surfaces(); ++s) {
         std::vector<double> k, sigma;
@@ -238,6 +290,7 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
       for (std::size_t q = 0; q < projectors; ++q) fit.a[q](i, c) = static_cast<float>(std::max(0.0, x[q]));
       fit.e(i, c) = static_cast<float>(std::max(0.0, x[projectors]));
     }
+  fit.sender_share = share;
   std::vector<double> errors = held_out_errors(F, data, fit);
   if (!errors.empty()) {
     double sum = 0;
