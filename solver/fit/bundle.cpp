@@ -147,6 +147,9 @@ BundleResult adjust(const std::vector<Matches>& matches, const std::vector<Proje
   for (auto& p : bundle.projectors) p.projector_from_camera.translation *= scale;
   Blocks blocks = pack(bundle);
   ceres::Problem problem;
+  // Some plane or projector may have lost all its matches; its blocks exist all the same.
+  for (auto& plane : blocks.planes) problem.AddParameterBlock(plane.data(), 3);
+  for (auto& pose : blocks.poses) problem.AddParameterBlock(pose.data(), 6);
   for (std::size_t q = 0; q < matches.size(); ++q) {
     for (const Match& m : matches[q]) {
       if (m.plane < 0) continue;

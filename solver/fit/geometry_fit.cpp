@@ -108,8 +108,8 @@ Result<Candidate> fit_alone(const Problem& problem, int q) {
   return best;
 }
 
-// All projectors in one scale, that of `anchor`: the others are resected on the planes already placed, and bring the planes
-// they light besides.
+// All projectors in one scale, that of `anchor`: the others are resected on the planes already placed, and bring the
+// planes they light besides.
 Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candidates, std::size_t anchor) {
   Bundle joint;
   joint.planes.assign(problem.planes, Eigen::Vector3d::Zero());
@@ -149,10 +149,13 @@ Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candid
 }
 
 // Gives every match to the plane that explains it best, or to none; then adjusts everything together.
-// `reach`: projector pixels within which a match belongs to a plane.
+// `reach`: projector pixels within which a match belongs to a plane. The result's cost is the mean per match, where one
+// that no plane explains counts as kUnexplained: a fit must not win by explaining less.
+constexpr double kUnexplained = 12;  // the robust cost of a match at the reach
 parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options, double reach, bool covariance,
                                Bundle& bundle) {
   std::vector<Matches> chosen;
+  std::size_t used = 0, explained = 0, all = 0;
   for (std::size_t q = 0; q < problem.matches.size(); ++q) {
     const Bundle::Projector& p = bundle.projectors[q];
     for (parts::Match& m : problem.matches[q]) {
@@ -165,11 +168,16 @@ parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options,
         const double r = (p.focal * x.hnormalized() + Eigen::Vector2d(p.cx, p.cy) - m.q).norm();
         if (x.z() > 0 && r < best) best = r, m.plane = label;
       }
+      explained += m.plane >= 0;
+      ++all;
     }
     chosen.push_back(
         thin(problem.matches[q], problem.planes, options.max_points / static_cast<int>(problem.matches.size())));
   }
-  return parts::adjust(chosen, problem.specs, covariance, bundle);
+  for (const Matches& m : chosen) used += m.size();
+  parts::BundleResult result = parts::adjust(chosen, problem.specs, covariance, bundle);
+  result.cost = used ? result.cost / used + kUnexplained * (1 - static_cast<double>(explained) / all) : HUGE_VAL;
+  return result;
 }
 
 void fill_charts(const Problem& problem, const Bundle& bundle, GeometryFit& fit) {
@@ -237,8 +245,8 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
     candidates.push_back(std::move(candidate));
     progress.step("geometry", 2.0 + q, steps);
   }
-  // Any projector alone may have drifted along its weak direction (PHYSICS 6); together they hold each other. So each is
-  // tried as the one to begin with, and the adjustment of all decides.
+  // Any projector alone may have drifted along its weak direction (PHYSICS 6); together they hold each other. So each
+  // is tried as the one to begin with, and the adjustment of all decides.
   Bundle bundle;
   double least = HUGE_VAL;
   for (std::size_t anchor = 0; anchor < candidates.size(); ++anchor) {
@@ -246,7 +254,10 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
     const double cost = adjust_all(problem, options, 2.0, false, joint).cost;
     if (cost < least) least = cost, bundle = joint;
   }
-  if (!std::isfinite(least)) return error(ErrorCode::kRefused, "the projectors' views contradict each other: no common geometry explains all correspondences; did anything move during the capture?");
+  if (!std::isfinite(least))
+    return error(ErrorCode::kRefused,
+                 "the projectors' views contradict each other: no common geometry explains all correspondences; did "
+                 "anything move during the capture?");
   adjust_all(problem, options, 1.5, false, bundle);
   const parts::BundleResult result = adjust_all(problem, options, 1.0, true, bundle);
   GeometryFit fit;

@@ -49,8 +49,8 @@ std::vector<Start> starts_from_plane(const Matches& matches, const ProjectorSpec
 // Plane {x : w . x = 1} in the camera frame, fitted to triangulated matches; label by label.
 std::vector<Eigen::Vector3d> planes_from_start(const Start& start, const Matches& matches, int planes);
 
-// Where a projector stands whose matches lie on at least two known planes: linear resection (Hartley & Zisserman 2004, 7.1),
-// made a camera with square pixels. Nothing where the matches do not determine it.
+// Where a projector stands whose matches lie on at least two known planes: linear resection (Hartley & Zisserman
+// 2004, 7.1), made a camera with square pixels. Nothing where the matches do not determine it.
 std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vector3d>& planes);
 
 // The state the bundle adjustment improves.

@@ -189,7 +189,8 @@ std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vec
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> eigen(normal);
   if (!(eigen.eigenvalues()[1] > 1e-9 * eigen.eigenvalues()[11])) return std::nullopt;  // one plane only
-  Eigen::Matrix<double, 3, 4> P = Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(eigen.eigenvectors().col(0).data());
+  Eigen::Matrix<double, 3, 4> P =
+      Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(eigen.eigenvectors().col(0).data());
   P = U.inverse() * P * T;
   if ((P * points[0].homogeneous()).z() < 0) P = -P;
   // P = K [R t]: the rows of its left part give K and R from below.
@@ -206,7 +207,8 @@ std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vec
   R = svd.matrixU() * svd.matrixV().transpose();
   if (R.determinant() < 0 || !std::isfinite(start.focal)) return std::nullopt;
   const Eigen::Vector3d p = P.col(3) / scale;
-  start.projector_from_camera = {R, {(p.x() - start.cx * p.z()) / start.focal, (p.y() - start.cy * p.z()) / start.focal, p.z()}};
+  start.projector_from_camera = {
+      R, {(p.x() - start.cx * p.z()) / start.focal, (p.y() - start.cy * p.z()) / start.focal, p.z()}};
   return start;
 }
 

@@ -39,27 +39,26 @@ struct GainPrior {
 };
 
 struct PatchSolution {
-  std::vector<double> x;           // a_1 .. a_Q, e, k
-  double k_sigma = 0;              // from the data alone (infinite where they say nothing)
+  std::vector<double> x;  // a_1 .. a_Q, e, k
+  double k_sigma = 0;     // from the data alone (infinite where they say nothing)
   double chi2 = 0;
   int freedom = 0;                 // equations less the parameters they determine
   double excess = 0, spread2 = 0;  // sums of squared residuals over the noise, and of squared spreads
 };
 
-// What a patch gathers in one frame: F m, and how uncertain the senders' inner structure leaves it. A sender counts as one
-// value, although its radiosity varies over it; if that makes each value wrong by a share eps, independently, the sum has
-// the standard deviation eps sqrt(sum_j (F_ij m_j)^2): large beside a crease, where one sender dominates.
+// What a patch gathers in one frame: F m, and how uncertain the senders' inner structure leaves it. A sender counts as
+// one value, although its radiosity varies over it; if that makes each value wrong by a share eps, independently, the
+// sum has the standard deviation eps sqrt(sum_j (F_ij m_j)^2): large beside a crease, where one sender dominates.
 struct Shade {
   Radiosity sum, spread;
 };
-constexpr double kFirstShare = 0.02;  // eps of the first pass; the second takes what the residuals say
 
 struct PatchProblem {
   std::vector<std::vector<double>> rows;  // coefficients over sigma
   std::vector<double> measured;           // over sigma
   std::vector<double> sigma, noise, spread;
-  std::vector<bool> lit;                  // per projector
-  double scale = 1;                       // largest m, the unit of weak priors
+  std::vector<bool> lit;  // per projector
+  double scale = 1;       // largest m, the unit of weak priors
 };
 
 PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shade, int patch, int c, double share) {
@@ -150,14 +149,16 @@ PatchSolution solve_patch(const PatchProblem& problem, const GainPrior& prior, d
     solution.chi2 += residual * residual;
     const double correction = solution.freedom > 0 ? static_cast<double>(problem.rows.size()) / solution.freedom : 0;
     const double square = std::pow(residual * problem.sigma[r], 2) * correction;
-    if (correction > 0) solution.excess += square - std::pow(problem.noise[r], 2), solution.spread2 += std::pow(problem.spread[r], 2);
+    if (correction > 0)
+      solution.excess += square - std::pow(problem.noise[r], 2), solution.spread2 += std::pow(problem.spread[r], 2);
   }
   return solution;
 }
 
 // Mean and spread of k over a surface: the spread is what is left of the scatter beyond the patches' own sigma
-// (DerSimonian & Laird 1986), so noise does not pass for structure. Patches that hang over the wall's end gather less; they
-// are exceptions, not the surface, so what lies beyond three spreads is left out, round by round from the median on.
+// (DerSimonian & Laird 1986), so noise does not pass for structure. Patches that hang over the wall's end gather less;
+// they are exceptions, not the surface, so what lies beyond three spreads is left out, round by round from the median
+// on.
 GainPrior pool(std::vector<double> k, std::vector<double> sigma) {
   std::vector<double> sorted;
   for (std::size_t i = 0; i < k.size(); ++i)
@@ -166,14 +167,15 @@ GainPrior pool(std::vector<double> k, std::vector<double> sigma) {
   std::nth_element(sorted.begin(), sorted.begin() + sorted.size() / 2, sorted.end());
   GainPrior prior{sorted[sorted.size() / 2], 0.1};
   for (int round = 0; round < 6; ++round) {
-    double weights = 0, weighted = 0, squares = 0, Q = 0;
+    double weights = 0, weighted = 0, Q = 0, own = 0;
     int count = 0;
     std::vector<std::size_t> kept;
     for (std::size_t i = 0; i < k.size(); ++i)
-      if (std::isfinite(sigma[i]) && std::abs(k[i] - prior.mean) < 3 * std::hypot(sigma[i], prior.sigma)) kept.push_back(i);
+      if (std::isfinite(sigma[i]) && std::abs(k[i] - prior.mean) < 3 * std::hypot(sigma[i], prior.sigma))
+        kept.push_back(i);
     for (std::size_t i : kept) {
       const double w = 1 / (sigma[i] * sigma[i] + prior.sigma * prior.sigma / 4);
-      weights += w, weighted += w * k[i], squares += w * w, ++count;
+      weights += w, weighted += w * k[i], own += w * sigma[i] * sigma[i], ++count;
     }
     if (count < 3) break;
     prior.mean = weighted / weights;
@@ -181,7 +183,9 @@ GainPrior pool(std::vector<double> k, std::vector<double> sigma) {
       const double w = 1 / (sigma[i] * sigma[i] + prior.sigma * prior.sigma / 4);
       Q += w * ((k[i] - prior.mean) * (k[i] - prior.mean) - sigma[i] * sigma[i]);
     }
-    prior.sigma = std::max(2e-3, std::sqrt(std::max(0.0, Q / weights)));
+    // One standard error more than estimated: of few patches a spread of zero is not known to be zero.
+    const double spread2 = std::max(0.0, Q / weights);
+    prior.sigma = std::sqrt(spread2 + std::sqrt(2.0 / (count - 1)) * (spread2 + own / weights));
   }
   return prior;
 }
@@ -192,12 +196,12 @@ double sender_share(const std::vector<std::vector<PatchSolution>>& solutions) {
   for (const auto& channel : solutions)
     for (const PatchSolution& s : channel)
       if (s.spread2 > 0) all.push_back(&s);
-  if (all.empty()) return kFirstShare;
+  if (all.empty()) return 0;
   const auto ratio = [](const PatchSolution* s) { return s->excess / s->spread2; };
   std::sort(all.begin(), all.end(), [&](const auto* a, const auto* b) { return ratio(a) < ratio(b); });
   double excess = 0, spread2 = 0;
   for (std::size_t i = 0; i < all.size() * 99 / 100; ++i) excess += all[i]->excess, spread2 += all[i]->spread2;
-  return spread2 > 0 ? std::sqrt(std::max(0.0, excess / spread2)) : kFirstShare;
+  return spread2 > 0 ? std::sqrt(std::max(0.0, excess / spread2)) : 0;
 }
 
 // Errors of predicted held-out frames at seen patches, as fractions of white.
@@ -244,24 +248,25 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
   fit.e = fit.k = fit.k_sigma = Radiosity::Zero(P, 3);
   std::vector<std::vector<PatchSolution>> solutions(3, std::vector<PatchSolution>(P));
   std::vector<std::vector<GainPrior>> priors(3, std::vector<GainPrior>(patches.surfaces()));
-  double inflation = 1, share = kFirstShare;
-  for (int pass = 0; pass < 2; ++pass) {
-    progress.step("photometric fit", pass, 2);
+  double inflation = 1, share = 0;
+  // Noise alone; then with what the residuals say of the senders' inner structure; then with each surface's gain as
+  // prior.
+  for (int pass = 0; pass < 3; ++pass) {
+    progress.step("photometric fit", pass, 3);
     const auto before = solutions;
     parallel_for(P, [&](int i) {
       if (data.seen[i] <= 0) return;
       for (int c = 0; c < 3; ++c)
-        solutions[c][i] =
-            solve_patch(collect(data, shade, i, c, share), priors[c][patches.surface_of(i)], inflation,
-                                         options.robust_sigma, pass > 0 ? &before[c][i].x : nullptr);
+        solutions[c][i] = solve_patch(collect(data, shade, i, c, share), priors[c][patches.surface_of(i)], inflation,
+                                      options.robust_sigma, pass > 1 ? &before[c][i].x : nullptr);
     });
     double chi2 = 0, freedom = 0;
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < P; ++i) chi2 += solutions[c][i].chi2, freedom += solutions[c][i].freedom;
     if (pass == 0) fit.chi2 = freedom > 0 ? chi2 / freedom : 0;
-    inflation = std::sqrt(std::max(1.0, fit.chi2));
     if (pass == 0) share = sender_share(solutions);
-    for (int c = 0; c < 3 && pass == 0; ++c)
+    if (pass == 1 && freedom > 0) inflation = std::sqrt(std::max(1.0, chi2 / freedom));
+    for (int c = 0; c < 3 && pass == 1; ++c)
       for (int s = 0; s < patches.surfaces(); ++s) {
         std::vector<double> k, sigma;
         for (int i = patches.offset(s); i < patches.offset(s) + patches.count(s); ++i) {
@@ -302,7 +307,7 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
   } else {
     fit.notes.push_back("no held-out frame: the model's error on patterns it has not seen is unknown");
   }
-  progress.step("photometric fit", 2, 2);
+  progress.step("photometric fit", 3, 3);
   return fit;
 }
 

@@ -30,8 +30,8 @@ struct PhotometricData {
 struct PhotometricFit {
   std::vector<Radiosity> a;   // per projector (P, 3); 0 where never lit
   Radiosity e, k, k_sigma;    // (P, 3)
-  double chi2 = 0;            // reduced, before the sigmas are inflated by it
-  double sender_share = 0;               // eps: how far one value per sending patch is off, from the residuals
+  double chi2 = 0;            // reduced, by the photos' noise alone
+  double sender_share = 0;    // eps: how far one value per sending patch is off, from the residuals
   double held_out_error = 0;  // mean |predicted - measured| / white over held-out frames and seen patches
   double held_out_p99 = 0;
   std::vector<std::string> notes;

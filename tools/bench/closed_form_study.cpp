@@ -18,7 +18,8 @@ std::vector<Eigen::Vector2d> probes(const solver::Model& model, const solver::Pi
   std::vector<Eigen::Vector2d> chosen;
   Random random(hash_name("closed-form probes"));
   while (static_cast<int>(chosen.size()) < count) {
-    const int x = static_cast<int>(random.uniform() * pixels.width), y = static_cast<int>(random.uniform() * pixels.height);
+    const int x = static_cast<int>(random.uniform() * pixels.width),
+              y = static_cast<int>(random.uniform() * pixels.height);
     const std::size_t i = static_cast<std::size_t>(y) * pixels.width + x;
     const ChartPoint& at = pixels.chart[i];
     if (at.surface < 0 || at.u < 0.03 || at.u > 0.97 || at.v < 0.05 || at.v > 0.95) continue;
@@ -33,7 +34,8 @@ struct Deviation {
   double rms = 0, noise = 0;  // of white
 };
 
-Result<Deviation> show_to_tracer(const simdata::Simulator& simulator, const TrueModel& truth, std::span<const Picture> plain) {
+Result<Deviation> show_to_tracer(const simdata::Simulator& simulator, const TrueModel& truth,
+                                 std::span<const Picture> plain) {
   solver::CompensateOptions options;
   options.bits = 16;
   options.dither = false;
@@ -72,7 +74,15 @@ Result<double> gl_deviation(const TrueModel& truth, std::span<const Picture> pla
 Result<Study> closed_form(const StudyContext& context) {
   const simdata::RigAndRoom room = simdata::default_two_wall();
   CS_TRY(const auto simulator, simdata::Simulator::make(room.rig, room.simulation, *context.progress));
-  Study study{"D = (I - K) R shown to the path tracer: rms of |B - R| at 400 camera pixels, true model, 16-bit pictures; GL against CPU", {"patches per wall", "rms % W", "tracer's standard error % W", "beyond noise % W", "GL half", "GL float"}, {}, {}, "", "", false};
+  Study study{
+      "D = (I - K) R shown to the path tracer: rms of |B - R| at 400 camera pixels, true model, 16-bit pictures; GL "
+      "against CPU",
+      {"patches per wall", "rms % W", "tracer's standard error % W", "beyond noise % W", "GL half", "GL float"},
+      {},
+      {},
+      "",
+      "",
+      false};
   std::vector<double> beyond;
   double half = 0, full = 0;
   for (int n : {4, 8, 16}) {
@@ -83,10 +93,13 @@ Result<Study> closed_form(const StudyContext& context) {
     CS_TRY(const double gl_full, gl_deviation(truth, plain, solver::Precision::kFloat));
     half = std::max(half, gl_half), full = std::max(full, gl_full);
     beyond.push_back(std::sqrt(std::max(0.0, d.rms * d.rms - d.noise * d.noise)));
-    study.rows.push_back({fmt::format("{0} x {0}", n), fmt::format("{:.3f}", 100 * d.rms), fmt::format("{:.3f}", 100 * d.noise), fmt::format("{:.3f}", 100 * beyond.back()), fmt::format("{:.1e}", gl_half), fmt::format("{:.1e}", gl_full)});
+    study.rows.push_back({fmt::format("{0} x {0}", n), fmt::format("{:.3f}", 100 * d.rms),
+                          fmt::format("{:.3f}", 100 * d.noise), fmt::format("{:.3f}", 100 * beyond.back()),
+                          fmt::format("{:.1e}", gl_half), fmt::format("{:.1e}", gl_full)});
   }
   const double order = beyond[2] > 0 ? std::log2(beyond[0] / beyond[2]) / 2 : HUGE_VAL;
-  study.figure = fmt::format("discretisation error falls at order {:.2f}, GL = CPU to {:.1e} (half) and {:.1e} (float)", order, half, full);
+  study.figure = fmt::format("discretisation error falls at order {:.2f}, GL = CPU to {:.1e} (half) and {:.1e} (float)",
+                             order, half, full);
   study.bound = "order >= 1, <= 2e-3, <= 1e-5";
   study.ok = order >= 1 && half <= 2e-3 && full <= 1e-5;
   return study;

@@ -40,7 +40,8 @@ Result<Measured> measure_room(simdata::RigAndRoom room, const fs::path& folder, 
   Measured measured;
   CS_TRY(measured.simulator, simdata::Simulator::make(room.rig, room.simulation, progress));
   const capture::Devices devices = simdata::simulated_devices(measured.simulator);
-  CS_TRY_VOID(capture::capture_session(room.rig, simulation_text(room.simulation), capture::default_sequence(room.rig), devices, folder / "session", {}, progress));
+  CS_TRY_VOID(capture::capture_session(room.rig, simulation_text(room.simulation), capture::default_sequence(room.rig),
+                                       devices, folder / "session", {}, progress));
   CS_TRY(measured.summary, tools::calibrate(folder / "session", folder / "calibration", {}, progress));
   CS_TRY(measured.calibration, tools::open_calibration(folder / "calibration"));
   measured.pixels = tools::pixels_of(measured.calibration);
@@ -58,7 +59,8 @@ Image perfect_photo(const simdata::Simulator& simulator, const Image& light, con
   return sum;
 }
 
-Result<Image> show_and_photograph(const capture::Devices& devices, const CameraSpec& spec, std::span<const Picture> pictures) {
+Result<Image> show_and_photograph(const capture::Devices& devices, const CameraSpec& spec,
+                                  std::span<const Picture> pictures) {
   for (std::size_t q = 0; q < pictures.size(); ++q) CS_TRY_VOID(devices.projectors[q]->show(pictures[q]));
   CS_TRY_VOID(devices.cameras[0]->arm(0));
   return tools::average_exposure(*devices.cameras[0], spec, kExposures);
@@ -69,7 +71,8 @@ struct Outcome {
   tools::VerifyNumbers numbers, ceiling;
 };
 
-Result<Outcome> try_model(const Measured& m, const solver::Model& model, const std::string& picture, Progress& progress) {
+Result<Outcome> try_model(const Measured& m, const solver::Model& model, const std::string& picture,
+                          Progress& progress) {
   CS_TRY(const std::vector<Picture> plain, tools::test_pictures(model, picture));
   CS_TRY(const tools::Show show, tools::compensate_show(model, plain, {}, tools::Engine::kAuto, progress));
   const capture::Devices devices = simdata::simulated_devices(m.simulator);
@@ -81,7 +84,14 @@ Result<Outcome> try_model(const Measured& m, const solver::Model& model, const s
   const Image perfect = perfect_photo(*m.simulator, photos.target, spec);
   const tools::VerifyMasks masks = tools::verify_masks(m.calibration, m.pixels, photos.target);
   Photo noise{photos.uncompensated, Mask(m.pixels.width, m.pixels.height, 1, 1), 0};
-  tools::VerifyInput input{&photos.uncompensated, &photos.compensated, &photos.target, &masks.lit, &masks.edge, &masks.modelled, masks.edge_text, m.calibration.model.white,
+  tools::VerifyInput input{&photos.uncompensated,
+                           &photos.compensated,
+                           &photos.target,
+                           &masks.lit,
+                           &masks.edge,
+                           &masks.modelled,
+                           masks.edge_text,
+                           m.calibration.model.white,
                            estimate_noise(std::span(&noise, 1)).sigma(0.4)};
   Outcome outcome;
   outcome.numbers = tools::measure(input);
@@ -99,8 +109,16 @@ solver::Model with_scaled_gain(const solver::Model& model, float factor) {
 }  // namespace
 
 Result<Study> two_wall_loop(const StudyContext& context) {
-  Study study{"The whole loop on five rooms drawn from the study distribution; picture `photo`, defaults, noise on, target = the simulator's direct light",
-              {"seed", "angle", "held-out % W", "|U-T| % W", "|C-T| % W", "suppression", "edge grey", "worse %", "uncovered %", "ceiling", "k x 1.2"}, {}, {}, "", "", false};
+  Study study{
+      "The whole loop on five rooms drawn from the study distribution; picture `photo`, defaults, noise on, target = "
+      "the simulator's direct light",
+      {"seed", "angle", "held-out % W", "|U-T| % W", "|C-T| % W", "suppression", "edge grey", "worse %", "uncovered %",
+       "ceiling", "k x 1.2"},
+      {},
+      {},
+      "",
+      "",
+      false};
   double least = HUGE_VAL, held_out = 0, edge = 0, worse = 0, planted = 0, uncovered = 0;
   for (int seed = 0; seed < 5; ++seed) {
     const simdata::RigAndRoom room = simdata::random_two_wall(hash_name("two-wall-loop") + seed);
@@ -114,21 +132,35 @@ Result<Study> two_wall_loop(const StudyContext& context) {
     worse = std::max(worse, 100 * n.worse_share);
     uncovered = std::max(uncovered, 100 * n.uncovered_share);
     planted = std::max(planted, bad.numbers.all.suppression);
-    study.rows.push_back({fmt::format("{}", seed), fmt::format("{:.1f}", room.simulation.angle_deg), fmt::format("{:.3f}", 100 * m.summary.held_out_error), fmt::format("{:.2f}", n.all.uncompensated.mean_percent),
-                          fmt::format("{:.3f}", n.all.compensated.mean_percent), fmt::format("{:.1f}", n.all.suppression), fmt::format("{:.2f}", n.edge.compensated.mean_grey), fmt::format("{:.2f}", 100 * n.worse_share),
-                          fmt::format("{:.2f}", 100 * n.uncovered_share), fmt::format("{:.1f}", good.ceiling.all.suppression), fmt::format("{:.1f}", bad.numbers.all.suppression)});
+    study.rows.push_back(
+        {fmt::format("{}", seed), fmt::format("{:.1f}", room.simulation.angle_deg),
+         fmt::format("{:.3f}", 100 * m.summary.held_out_error), fmt::format("{:.2f}", n.all.uncompensated.mean_percent),
+         fmt::format("{:.3f}", n.all.compensated.mean_percent), fmt::format("{:.1f}", n.all.suppression),
+         fmt::format("{:.2f}", n.edge.compensated.mean_grey), fmt::format("{:.2f}", 100 * n.worse_share),
+         fmt::format("{:.2f}", 100 * n.uncovered_share), fmt::format("{:.1f}", good.ceiling.all.suppression),
+         fmt::format("{:.1f}", bad.numbers.all.suppression)});
   }
   study.notes.push_back("ceiling: the suppression that the same 16 photos would show of a perfect show");
-  study.figure = fmt::format("suppression {:.1f}x at worst, held-out {:.2f} % of white, edge {:.2f} grey levels, worse {:.2f} %, k 20 % wrong gives {:.1f}x", least, held_out, edge, worse, planted);
+  study.figure = fmt::format(
+      "suppression {:.1f}x at worst, held-out {:.2f} % of white, edge {:.2f} grey levels, worse {:.2f} %, k 20 % wrong "
+      "gives {:.1f}x",
+      least, held_out, edge, worse, planted);
   study.bound = ">= 20x, <= .5 %, <= 1.5, <= .5 %, < 20x";
   study.ok = least >= 20 && held_out <= 0.5 && edge <= 1.5 && worse <= 0.5 && planted < 20 && uncovered <= 2;
   return study;
 }
 
 Result<Study> verify_honest(const StudyContext& context) {
-  Study study{"All indirect gains multiplied by .8: verify must say FAIL, and its measured suppression must be the true one",
-              {"picture", "verdict", "suppression by verify", "true suppression", "deviation"}, {}, {}, "", "", false};
-  CS_TRY(const Measured m, measure_room(simdata::random_two_wall(hash_name("verify-honest")), context.output / "verify-honest", *context.progress));
+  Study study{
+      "All indirect gains multiplied by .8: verify must say FAIL, and its measured suppression must be the true one",
+      {"picture", "verdict", "suppression by verify", "true suppression", "deviation"},
+      {},
+      {},
+      "",
+      "",
+      false};
+  CS_TRY(const Measured m, measure_room(simdata::random_two_wall(hash_name("verify-honest")),
+                                        context.output / "verify-honest", *context.progress));
   const solver::Model wrong = with_scaled_gain(m.calibration.model, 0.8f);
   const capture::Devices devices = simdata::simulated_devices(m.simulator);
   bool all_fail = true;
@@ -136,16 +168,23 @@ Result<Study> verify_honest(const StudyContext& context) {
   for (const std::string picture : {"photo", "gradient", "flat"}) {
     CS_TRY(const std::vector<Picture> plain, tools::test_pictures(wrong, picture));
     CS_TRY(const tools::Show show, tools::compensate_show(wrong, plain, {}, tools::Engine::kAuto, *context.progress));
-    CS_TRY(const tools::Photographs photos, tools::photograph(devices, m.simulator->rig().cameras[0], m.pixels, plain, show.compensated.pictures, kExposures, *context.progress));
+    CS_TRY(const tools::Photographs photos,
+           tools::photograph(devices, m.simulator->rig().cameras[0], m.pixels, plain, show.compensated.pictures,
+                             kExposures, *context.progress));
     const fs::path report = context.output / "verify-honest" / picture;
-    CS_TRY(const tools::Verification v, tools::report_verification(m.calibration, context.output / "verify-honest" / "calibration", m.pixels, photos, &show, {}, report));
+    CS_TRY(const tools::Verification v,
+           tools::report_verification(m.calibration, context.output / "verify-honest" / "calibration", m.pixels, photos,
+                                      &show, {}, report));
     CS_TRY(const Outcome truth, try_model(m, wrong, picture, *context.progress));
     const double deviation = v.numbers.all.suppression / truth.numbers.all.suppression - 1;
     all_fail = all_fail && !v.verdict.pass;
     most = std::max(most, std::abs(deviation));
-    study.rows.push_back({picture, v.verdict.pass ? "PASS" : "FAIL", fmt::format("{:.2f}", v.numbers.all.suppression), fmt::format("{:.2f}", truth.numbers.all.suppression), fmt::format("{:+.1f} %", 100 * deviation)});
+    study.rows.push_back({picture, v.verdict.pass ? "PASS" : "FAIL", fmt::format("{:.2f}", v.numbers.all.suppression),
+                          fmt::format("{:.2f}", truth.numbers.all.suppression),
+                          fmt::format("{:+.1f} %", 100 * deviation)});
   }
-  study.figure = fmt::format("{}, suppression within {:.1f} % of the truth", all_fail ? "always FAIL" : "not always FAIL", 100 * most);
+  study.figure = fmt::format("{}, suppression within {:.1f} % of the truth",
+                             all_fail ? "always FAIL" : "not always FAIL", 100 * most);
   study.bound = "FAIL, within 20 %";
   study.ok = all_fail && most <= 0.2;
   return study;

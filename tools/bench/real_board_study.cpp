@@ -36,6 +36,24 @@ Result<std::vector<cv::Point2f>> board_hull(const Session& session, const std::s
   return hull;
 }
 
+// Share of the white-black mask (difference above 40 of 255, the mask of the floors) that was accepted.
+Result<double> accepted_of_mask(const Session& session, const capture::Correspondence& c) {
+  int white = -1, black = -1;
+  for (const Frame& frame : session.sequence().frames) {
+    if (frame.role.kind == "white") white = frame.index;
+    if (frame.role.kind == "black") black = frame.index;
+  }
+  CS_TRY(const Photo lit, session.photo("camera", white));
+  CS_TRY(const Photo dark, session.photo("camera", black));
+  std::size_t mask = 0, accepted = 0;
+  for (std::size_t i = 0; i < c.x.data().size(); ++i) {
+    if (lit.value.data()[i] - dark.value.data()[i] <= 40.0f / 255) continue;
+    ++mask;
+    accepted += c.reason.data()[i] == 0;
+  }
+  return mask ? static_cast<double>(accepted) / mask : 0.0;
+}
+
 struct BoardResidual {
   double off_share = 0, rms_px = 0;
   int pixels = 0;
@@ -127,7 +145,8 @@ Result<Study> real_board(const StudyContext& context) {
     CS_TRY(const capture::Correspondence c, capture::decode(session, "camera", "projector", {}, *context.progress));
     CS_TRY(const auto hull, board_hull(session, "camera"));
     const BoardResidual board = residual_on_board(c, hull);
-    const double accepted = 100 * summary.decoded[0].accepted;
+    CS_TRY(const double share, accepted_of_mask(session, c));
+    const double accepted = 100 * share;
     least_margin = std::min(least_margin, accepted - kFloors[pose]);
     most_off = std::max(most_off, board.off_share);
     study.rows.push_back({fmt::format("{}", pose), fmt::format("{:.1f}", accepted),

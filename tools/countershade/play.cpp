@@ -89,8 +89,8 @@ Result<Answer> play_in_windows(const Options& options, const Calibration& calibr
   std::vector<std::unique_ptr<capture::Projector>> windows;
   for (const solver::ProjectorModel& p : calibration.model.projectors) {
     const ProjectorSpec* spec = calibration.rig.projector(p.id);
-    CS_TRY(auto window,
-           capture::open_window_projector(p.id, p.device.lens.width(), p.device.lens.height(), spec ? spec->monitor : "", "countershade " + p.id));
+    CS_TRY(auto window, capture::open_window_projector(p.id, p.device.lens.width(), p.device.lens.height(),
+                                                       spec ? spec->monitor : "", "countershade " + p.id));
     windows.push_back(std::move(window));
   }
   const auto start = std::chrono::steady_clock::now();

@@ -37,16 +37,20 @@ class Stopwatch {
 
 Result<void> stop_if_wrong(const std::vector<Finding>& findings) {
   for (const Finding& f : findings)
-    if (!f.ok) return error(ErrorCode::kDevice, "the check before capture failed: {}: {}; {}", f.what, f.measured, f.remedy);
+    if (!f.ok)
+      return error(ErrorCode::kDevice, "the check before capture failed: {}: {}; {}", f.what, f.measured, f.remedy);
   return {};
 }
 
 Result<Answer> run_all(const Options& options, const Context& context) {
   Progress& progress = *context.progress;
   CS_TRY(const Rig rig, read_rig(options.rig));
-  const fs::path session = options.out / "session", calibration_folder = options.out / "calibration", report = options.out / "report";
+  const fs::path session = options.out / "session", calibration_folder = options.out / "calibration",
+                 report = options.out / "report";
   for (const fs::path& made : {calibration_folder, report})
-    if (fs::exists(made)) return error(ErrorCode::kExists, "'{}' exists already; choose another folder with -o or remove it", made.string());
+    if (fs::exists(made))
+      return error(ErrorCode::kExists, "'{}' exists already; choose another folder with -o or remove it",
+                   made.string());
   std::error_code code;
   fs::create_directories(options.out, code);
   if (code) return error(ErrorCode::kIo, "cannot create '{}': {}", options.out.string(), code.message());
@@ -66,22 +70,31 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   const solver::PixelGeometry pixels = pixels_of(calibration);
   CS_TRY(const std::vector<Picture> pictures, test_pictures(calibration.model, options.picture));
   CS_TRY(const Show show, compensate_show(calibration.model, pictures, {}, Engine::kAuto, progress));
-  CS_TRY(const Photographs photos, photograph(open.devices, *rig.camera(calibration.camera_id), pixels, pictures, show.compensated.pictures, options.exposures, progress));
+  CS_TRY(const Photographs photos, photograph(open.devices, *rig.camera(calibration.camera_id), pixels, pictures,
+                                              show.compensated.pictures, options.exposures, progress));
   const double photographed = watch.lap();
-  Table effort{"Effort", {"step", "photos", "seconds"},
-               {{"devices opened", "", fmt::format("{:.1f}", opened)},
-                {"check and capture", fmt::format("{}", sequence.frames.size()), fmt::format("{:.1f}", captured)},
-                {"calibrate", "", fmt::format("{:.1f}", calibrated)},
-                {"compensate and photograph", fmt::format("{}", photos.exposures), fmt::format("{:.1f}", photographed)}}};
+  Table effort{
+      "Effort",
+      {"step", "photos", "seconds"},
+      {{"devices opened", "", fmt::format("{:.1f}", opened)},
+       {"check and capture", fmt::format("{}", sequence.frames.size()), fmt::format("{:.1f}", captured)},
+       {"calibrate", "", fmt::format("{:.1f}", calibrated)},
+       {"compensate and photograph", fmt::format("{}", photos.exposures), fmt::format("{:.1f}", photographed)}}};
   Table checks{"Check before capture", {"what", "measured"}, {}};
   for (const Finding& f : findings) checks.rows.push_back({f.what, f.measured});
-  CS_TRY(const Verification v, report_verification(calibration, calibration_folder, pixels, photos, &show, {effort, checks}, report));
+  CS_TRY(const Verification v,
+         report_verification(calibration, calibration_folder, pixels, photos, &show, {effort, checks}, report));
   CS_TRY_VOID(context.record(report, {calibration_folder / "calibration.json"}));
   const VerifyNumbers& n = v.numbers;
-  std::string text = fmt::format("{}: suppression {:.1f}x, {:.2f} -> {:.3f} % of white from the target, edge zone {:.2f} -> {:.2f} grey levels, held-out error {:.3f} % of white\n", v.verdict.pass ? "PASS" : "FAIL", n.all.suppression,
-                                 n.all.uncompensated.mean_percent, n.all.compensated.mean_percent, n.edge.uncompensated.mean_grey, n.edge.compensated.mean_grey, 100 * summary.held_out_error);
+  std::string text = fmt::format(
+      "{}: suppression {:.1f}x, {:.2f} -> {:.3f} % of white from the target, edge zone {:.2f} -> {:.2f} grey levels, "
+      "held-out error {:.3f} % of white\n",
+      v.verdict.pass ? "PASS" : "FAIL", n.all.suppression, n.all.uncompensated.mean_percent,
+      n.all.compensated.mean_percent, n.edge.uncompensated.mean_grey, n.edge.compensated.mean_grey,
+      100 * summary.held_out_error);
   for (const std::string& f : v.verdict.failures) text += "  " + f + "\n";
-  text += fmt::format("opened {:.1f} s, captured {:.1f} s, calibrated {:.1f} s, photographed {:.1f} s\nreport: {}\n", opened, captured, calibrated, photographed, (report / "report.html").string());
+  text += fmt::format("opened {:.1f} s, captured {:.1f} s, calibrated {:.1f} s, photographed {:.1f} s\nreport: {}\n",
+                      opened, captured, calibrated, photographed, (report / "report.html").string());
   return Answer{text, numbers_json(n, v.verdict), v.verdict.pass ? 0 : 1};
 }
 
@@ -91,9 +104,13 @@ void add_run(CLI::App& app, Action& action) {
   auto* verb = app.add_subcommand("run", "all of it, to the report: check, capture, calibrate, compensate, verify");
   auto options = std::make_shared<Options>();
   verb->add_option("rig", options->rig, "rig.toml")->required();
-  verb->add_option("-o,--output", options->out, "folder for session, calibration and report; a session in it is resumed")->capture_default_str();
+  verb->add_option("-o,--output", options->out,
+                   "folder for session, calibration and report; a session in it is resumed")
+      ->capture_default_str();
   verb->add_option("--test-picture", options->picture, "picture to verify with")->capture_default_str();
-  verb->add_option("--exposures", options->exposures, "photos averaged for each picture")->check(CLI::Range(1, 1024))->capture_default_str();
+  verb->add_option("--exposures", options->exposures, "photos averaged for each picture")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
   verb->callback([options, &action] { action = [options](const Context& c) { return run_all(*options, c); }; });
 }
 

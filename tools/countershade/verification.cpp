@@ -8,7 +8,8 @@ namespace countershade::tools {
 namespace {
 
 // Direct gain of all projectors at a chart point, mean of channels [camera units].
-float total_gain(const solver::Model& model, const ChartPoint& at, const solver::PixelGeometry& pixels, std::size_t pixel) {
+float total_gain(const solver::Model& model, const ChartPoint& at, const solver::PixelGeometry& pixels,
+                 std::size_t pixel) {
   float sum = 0;
   for (std::size_t q = 0; q < model.projectors.size(); ++q) {
     if (std::isnan(pixels.beam[q][pixel].x())) continue;
@@ -32,10 +33,15 @@ bool near_crease(const solver::Model& model, const ChartPoint& at, double reach)
 
 Table calibration_table(const CalibrationSummary& s) {
   Table t{"Calibration", {"what", "value"}, {}};
-  for (const DecodeSummary& d : s.decoded) t.rows.push_back({"decoded by " + d.projector, fmt::format("{:.2f} % of {} lit pixels", 100 * d.accepted, d.lit)});
-  for (std::size_t q = 0; q < s.reprojection_px.size(); ++q) t.rows.push_back({"reprojection of " + s.decoded[q].projector, fmt::format("{:.3f} px rms", s.reprojection_px[q])});
-  for (std::size_t i = 0; i < s.crease_angle_deg.size(); ++i) t.rows.push_back({"edge angle", fmt::format("{:.2f} +- {:.2f} degrees", s.crease_angle_deg[i], s.crease_sigma_deg[i])});
-  t.rows.push_back({"held-out pattern error", fmt::format("{:.3f} % of white (99th percentile {:.3f} %)", 100 * s.held_out_error, 100 * s.held_out_p99)});
+  for (const DecodeSummary& d : s.decoded)
+    t.rows.push_back({"decoded by " + d.projector, fmt::format("{:.2f} % of {} lit pixels", 100 * d.accepted, d.lit)});
+  for (std::size_t q = 0; q < s.reprojection_px.size(); ++q)
+    t.rows.push_back({"reprojection of " + s.decoded[q].projector, fmt::format("{:.3f} px rms", s.reprojection_px[q])});
+  for (std::size_t i = 0; i < s.crease_angle_deg.size(); ++i)
+    t.rows.push_back(
+        {"edge angle", fmt::format("{:.2f} +- {:.2f} degrees", s.crease_angle_deg[i], s.crease_sigma_deg[i])});
+  t.rows.push_back({"held-out pattern error", fmt::format("{:.3f} % of white (99th percentile {:.3f} %)",
+                                                          100 * s.held_out_error, 100 * s.held_out_p99)});
   t.rows.push_back({"chi2 / degrees of freedom", fmt::format("{:.2f}", s.chi2)});
   t.rows.push_back({"photometric frames", fmt::format("{}", s.frames)});
   return t;
@@ -44,7 +50,8 @@ Table calibration_table(const CalibrationSummary& s) {
 Table show_table(const Show& show) {
   const solver::FrameReport& r = show.compensated.report;
   const char* names[] = {"auto", "copy", "closed form", "clipped"};
-  return {"The show", {"what", "value"},
+  return {"The show",
+          {"what", "value"},
           {{"engine", show.engine},
            {"solver chosen", fmt::format("{} ({} gathers)", names[static_cast<int>(r.used)], r.gathers)},
            {"strongest scattered light", fmt::format("{:.2f} % of white", 100 * r.largest_indirect)},
@@ -57,7 +64,8 @@ Table show_table(const Show& show) {
 
 VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& target) {
   const solver::Model& model = calibration.model;
-  VerifyMasks masks{Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1), ""};
+  VerifyMasks masks{Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1),
+                    Mask(pixels.width, pixels.height, 1), ""};
   const double reach = mean_width(model) / 6;
   masks.edge_text = "a sixth of the mean screen width on either side of the crease";
   const int channels = target.channels();
@@ -73,20 +81,28 @@ VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeom
   return masks;
 }
 
-Result<Verification> report_verification(const Calibration& calibration, const std::filesystem::path& calibration_folder, const solver::PixelGeometry& pixels, const Photographs& photos, const Show* show,
-                                         std::vector<Table> extra, const std::filesystem::path& out) {
+Result<Verification> report_verification(const Calibration& calibration,
+                                         const std::filesystem::path& calibration_folder,
+                                         const solver::PixelGeometry& pixels, const Photographs& photos,
+                                         const Show* show, std::vector<Table> extra, const std::filesystem::path& out) {
   const VerifyMasks masks = verify_masks(calibration, pixels, photos.target);
   Report report;
   report.title = "Countershade verification";
-  report.input = {&photos.uncompensated, &photos.compensated, &photos.target, &masks.lit, &masks.edge, &masks.modelled, masks.edge_text, calibration.model.white, photos.pixel_noise};
+  report.input = {&photos.uncompensated, &photos.compensated, &photos.target,          &masks.lit,        &masks.edge,
+                  &masks.modelled,       masks.edge_text,     calibration.model.white, photos.pixel_noise};
   report.numbers = measure(report.input);
   report.verdict = judge(report.numbers, {});
   if (show) report.tables.push_back(show_table(*show));
   report.tables.push_back(calibration_table(calibration.summary));
   for (Table& t : extra) report.tables.push_back(std::move(t));
   for (const DecodeSummary& d : calibration.summary.decoded) {
-    const std::filesystem::path png = calibration_folder / "correspondence" / (calibration.camera_id + "-" + d.projector + "-reasons.png");
-    if (std::filesystem::exists(png)) report.exhibits.push_back({"projector " + d.projector + ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), saturated (white)", png});
+    const std::filesystem::path png =
+        calibration_folder / "correspondence" / (calibration.camera_id + "-" + d.projector + "-reasons.png");
+    if (std::filesystem::exists(png))
+      report.exhibits.push_back(
+          {"projector " + d.projector +
+               ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), saturated (white)",
+           png});
   }
   report.notes = calibration.summary.notes;
   CS_TRY_VOID(write_report(out, report));

@@ -27,8 +27,9 @@ struct Verification {
 };
 
 // Measures and writes the report; `show` is what was shown (null: photos from elsewhere). `extra` are more tables.
-Result<Verification> report_verification(const Calibration& calibration, const std::filesystem::path& calibration_folder,
-                                         const solver::PixelGeometry& pixels, const Photographs& photos, const Show* show,
-                                         std::vector<Table> extra, const std::filesystem::path& out);
+Result<Verification> report_verification(const Calibration& calibration,
+                                         const std::filesystem::path& calibration_folder,
+                                         const solver::PixelGeometry& pixels, const Photographs& photos,
+                                         const Show* show, std::vector<Table> extra, const std::filesystem::path& out);
 
 }  // namespace countershade::tools

@@ -24,7 +24,12 @@ struct Options {
 
 // The simulated room of the session a calibration was made from: the provenance names the session.
 Result<fs::path> simulation_of(const fs::path& calibration) {
-  const auto missing = [&] { return error(ErrorCode::kDevice, "calibration '{}' does not say where its devices are (no provenance.json of a simulated session); give the rig with --rig, or photos with --photos", calibration.string()); };
+  const auto missing = [&] {
+    return error(ErrorCode::kDevice,
+                 "calibration '{}' does not say where its devices are (no provenance.json of a simulated session); "
+                 "give the rig with --rig, or photos with --photos",
+                 calibration.string());
+  };
   const Result<std::string> text = read_text(calibration / "provenance.json");
   if (!text) return missing();
   const nlohmann::json document = nlohmann::json::parse(*text, nullptr, false);
@@ -40,24 +45,32 @@ Result<fs::path> simulation_of(const fs::path& calibration) {
 Result<Image> linear_photo(const fs::path& file, const Calibration& calibration) {
   CS_TRY(const Photo photo, read_photo(file, *calibration.rig.camera(calibration.camera_id)));
   if (!photo.value.same_size(calibration.camera.lens.width(), calibration.camera.lens.height()))
-    return error(ErrorCode::kBadFile, "'{}' has {} x {} pixels, the calibrated camera has {} x {}", file.string(), photo.value.width(), photo.value.height(), calibration.camera.lens.width(), calibration.camera.lens.height());
+    return error(ErrorCode::kBadFile, "'{}' has {} x {} pixels, the calibrated camera has {} x {}", file.string(),
+                 photo.value.width(), photo.value.height(), calibration.camera.lens.width(),
+                 calibration.camera.lens.height());
   return photo.value;
 }
 
 // U C [REFERENCE ...]: one reference is the target, several are parts of it that add up.
 Result<Photographs> given_photos(const Options& options, const Calibration& calibration) {
   if (options.photos.size() < 3)
-    return error(ErrorCode::kBadValue, "--photos has {} files; it needs the plain show, the compensated show and at least one photo of the target (the picture's parts, each shown alone, add up to it)", options.photos.size());
+    return error(ErrorCode::kBadValue,
+                 "--photos has {} files; it needs the plain show, the compensated show and at least one photo of the "
+                 "target (the picture's parts, each shown alone, add up to it)",
+                 options.photos.size());
   Photographs photos;
   CS_TRY(photos.uncompensated, linear_photo(options.photos[0], calibration));
   CS_TRY(photos.compensated, linear_photo(options.photos[1], calibration));
   CS_TRY(photos.target, linear_photo(options.photos[2], calibration));
   for (std::size_t i = 3; i < options.photos.size(); ++i) {
     CS_TRY(const Image part, linear_photo(options.photos[i], calibration));
-    if (part.channels() != photos.target.channels()) return error(ErrorCode::kBadFile, "'{}' has {} channels, the other photos {}", options.photos[i], part.channels(), photos.target.channels());
+    if (part.channels() != photos.target.channels())
+      return error(ErrorCode::kBadFile, "'{}' has {} channels, the other photos {}", options.photos[i], part.channels(),
+                   photos.target.channels());
     for (std::size_t k = 0; k < part.data().size(); ++k) photos.target.data()[k] += part.data()[k];
   }
-  if (photos.uncompensated.channels() != photos.target.channels() || photos.compensated.channels() != photos.target.channels())
+  if (photos.uncompensated.channels() != photos.target.channels() ||
+      photos.compensated.channels() != photos.target.channels())
     return error(ErrorCode::kBadFile, "the photos differ in their number of channels");
   Photo noise{photos.uncompensated, Mask(photos.uncompensated.width(), photos.uncompensated.height(), 1, 1), 0};
   photos.pixel_noise = estimate_noise(std::span(&noise, 1)).sigma(0.4);
@@ -67,8 +80,11 @@ Result<Photographs> given_photos(const Options& options, const Calibration& cali
 
 std::string text_of(const Verification& v, const fs::path& out) {
   const VerifyNumbers& n = v.numbers;
-  std::string text = fmt::format("{}: suppression {:.1f}x ({:.1f}x where nothing clips), {:.2f} -> {:.3f} % of white from the target, edge zone {:.2f} -> {:.2f} grey levels\n", v.verdict.pass ? "PASS" : "FAIL", n.all.suppression,
-                                 n.unclipped.suppression, n.all.uncompensated.mean_percent, n.all.compensated.mean_percent, n.edge.uncompensated.mean_grey, n.edge.compensated.mean_grey);
+  std::string text = fmt::format(
+      "{}: suppression {:.1f}x ({:.1f}x where nothing clips), {:.2f} -> {:.3f} % of white from the target, edge zone "
+      "{:.2f} -> {:.2f} grey levels\n",
+      v.verdict.pass ? "PASS" : "FAIL", n.all.suppression, n.unclipped.suppression, n.all.uncompensated.mean_percent,
+      n.all.compensated.mean_percent, n.edge.uncompensated.mean_grey, n.edge.compensated.mean_grey);
   for (const std::string& f : v.verdict.failures) text += "  " + f + "\n";
   return text + "report: " + (out / "report.html").string() + "\n";
 }
@@ -95,11 +111,18 @@ Result<Answer> run_verify(const Options& options, const Context& context) {
     }
     CS_TRY(const OpenDevices open, open_devices(calibration.rig, simulation, *context.progress));
     const CameraSpec& camera = *calibration.rig.camera(calibration.camera_id);
-    CS_TRY(photos, photograph(open.devices, camera, pixels, pictures, show.compensated.pictures, options.exposures, *context.progress));
+    CS_TRY(photos, photograph(open.devices, camera, pixels, pictures, show.compensated.pictures, options.exposures,
+                              *context.progress));
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  const Table effort{"Effort", {"what", "value"}, {{"exposures", fmt::format("{}", photos.exposures)}, {"verification took", duration_text(seconds)}, {"picture", options.pictures.empty() ? options.picture : fmt::format("{}", fmt::join(options.pictures, ", "))}}};
-  CS_TRY(const Verification v, report_verification(calibration, options.calibration, pixels, photos, options.photos.empty() ? &show : nullptr, {effort}, options.out));
+  const Table effort{
+      "Effort",
+      {"what", "value"},
+      {{"exposures", fmt::format("{}", photos.exposures)},
+       {"verification took", duration_text(seconds)},
+       {"picture", options.pictures.empty() ? options.picture : fmt::format("{}", fmt::join(options.pictures, ", "))}}};
+  CS_TRY(const Verification v, report_verification(calibration, options.calibration, pixels, photos,
+                                                   options.photos.empty() ? &show : nullptr, {effort}, options.out));
   CS_TRY_VOID(context.record(options.out, {options.calibration / "calibration.json"}));
   return Answer{text_of(v, options.out), numbers_json(v.numbers, v.verdict), v.verdict.pass ? 0 : 1};
 }
@@ -110,12 +133,21 @@ void add_verify(CLI::App& app, Action& action) {
   auto* verb = app.add_subcommand("verify", "photograph plain, compensated and target; report PASS or FAIL");
   auto options = std::make_shared<Options>();
   verb->add_option("calibration", options->calibration, "calibration folder")->required();
-  auto* pictures = verb->add_option("--picture", options->pictures, "ID=file, per projector [default: the test picture]");
-  verb->add_option("--test-picture", options->picture, "flat, gradient, photo, window, text, saturated or table-1")->capture_default_str()->excludes(pictures);
-  verb->add_option("--photos", options->photos, "take these photos instead of photographing: plain, compensated, target (several parts add up)")->expected(1, 64);
+  auto* pictures =
+      verb->add_option("--picture", options->pictures, "ID=file, per projector [default: the test picture]");
+  verb->add_option("--test-picture", options->picture, "flat, gradient, photo, window, text, saturated or table-1")
+      ->capture_default_str()
+      ->excludes(pictures);
+  verb->add_option("--photos", options->photos,
+                   "take these photos instead of photographing: plain, compensated, target (several parts add up)")
+      ->expected(1, 64);
   verb->add_option("--rig", options->rig, "rig.toml of the devices [default: those of the calibration's session]");
-  verb->add_option("--exposures", options->exposures, "photos averaged for each picture")->check(CLI::Range(1, 1024))->capture_default_str();
-  verb->add_option("--engine", options->engine, "auto, gl or cpu")->transform(CLI::CheckedTransformer(std::map<std::string, Engine>{{"auto", Engine::kAuto}, {"gl", Engine::kGl}, {"cpu", Engine::kCpu}}));
+  verb->add_option("--exposures", options->exposures, "photos averaged for each picture")
+      ->check(CLI::Range(1, 1024))
+      ->capture_default_str();
+  verb->add_option("--engine", options->engine, "auto, gl or cpu")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, Engine>{{"auto", Engine::kAuto}, {"gl", Engine::kGl}, {"cpu", Engine::kCpu}}));
   verb->add_option("-o,--output", options->out, "report folder to write")->capture_default_str();
   verb->callback([options, &action] { action = [options](const Context& c) { return run_verify(*options, c); }; });
 }

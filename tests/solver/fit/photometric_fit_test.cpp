@@ -96,7 +96,7 @@ TEST(PhotometricFit, NoiseGivesTheScatterThatSigmaPredicts) {
   EXPECT_LT(fit->held_out_error, 0.002);
 }
 
-TEST(PhotometricFit, WrongFormFactorsShowInHeldOutFramesOrChi2) {
+TEST(PhotometricFit, WrongFormFactorsShowInHeldOutFrames) {
   const Truth truth;
   SilentProgress progress;
   Eigen::MatrixXf wrong = truth.F;
@@ -105,7 +105,6 @@ TEST(PhotometricFit, WrongFormFactorsShowInHeldOutFramesOrChi2) {
   const auto good = fit_photometry(truth.F, truth.patches, truth.data(0.0005), {}, progress);
   const auto bad = fit_photometry(wrong, truth.patches, truth.data(0.0005), {}, progress);
   ASSERT_TRUE(good && bad);
-  EXPECT_GT(bad->chi2, 5 * good->chi2);
   EXPECT_GT(bad->held_out_error, 2 * good->held_out_error);
 }
 
