@@ -12,12 +12,12 @@ namespace countershade::capture {
 
 // One exposure as the camera gave it: stored numbers, before any interpretation.
 struct Exposure {
-  Image values;             // (height, width, 1 or 3), 0..full_scale
+  Image values;  // (height, width, 1 or 3), 0..full_scale
   double full_scale = 65535;
   double exposure_ms = 0;
-  double timestamp_s = 0;   // device clock
+  double timestamp_s = 0;  // device clock
   std::uint64_t counter = 0;
-  double saturated = 0;     // share of pixels at full scale
+  double saturated = 0;  // share of pixels at full scale
 };
 
 class Camera {

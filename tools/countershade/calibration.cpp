@@ -251,6 +251,15 @@ const CameraSpec& camera_to_use(const Rig& rig) {
   return rig.cameras.front();
 }
 
+// The rig as a calibration carries it: the model of the camera in use lies in the calibration itself, others stay with
+// the session, so that equal sessions give equal bytes wherever they lie.
+Rig without_paths(const Rig& rig, const std::string& camera) {
+  Rig own = rig;
+  for (CameraSpec& c : own.cameras) c.model = c.id == camera && !c.model.empty() ? "geometry/camera.cameramodel" : "";
+  for (ProjectorSpec& p : own.projectors) p.model.clear();
+  return own;
+}
+
 Result<void> fill(const Session& session, const fs::path& folder, const CalibrateOptions& options,
                   CalibrationSummary& summary, Progress& progress) {
   const Rig& rig = session.rig();
@@ -261,7 +270,7 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   fs::create_directories(folder / "correspondence", code);
   if (code)
     return error(ErrorCode::kIo, "cannot create '{}': {}", (folder / "correspondence").string(), code.message());
-  CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(rig)));
+  CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(without_paths(rig, camera.id))));
   CS_TRY(const std::vector<Correspondence> decoded,
          decode_all(session, camera.id, folder / "correspondence", summary, progress));
   if (camera.model.empty()) {
@@ -288,7 +297,8 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   for (const auto& p : geometry.projectors) summary.reprojection_px.push_back(p.rms_px);
   for (std::size_t i = 0; i < geometry.screen.creases.size(); ++i) {
     summary.crease_angle_deg.push_back(geometry.screen.creases[i].angle * 180 / std::numbers::pi);
-    summary.crease_sigma_deg.push_back(geometry.angle_sigma[i] * 180 / std::numbers::pi);
+    // A covariance's last digits depend on where memory lies; six decimals do not.
+    summary.crease_sigma_deg.push_back(std::round(1e6 * geometry.angle_sigma[i] * 180 / std::numbers::pi) / 1e6);
   }
   fs::create_directories(folder / "geometry", code);
   CS_TRY_VOID(write_cameramodel(folder / "geometry" / "camera.cameramodel", lens));

@@ -1,0 +1,148 @@
+// The whole job through the command line on a small simulated rig, and what it does with bad input.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "calib/file/file.h"
+#include "calib/file/rig.h"
+#include "calib/geometry/lens.h"
+#include "simdata/room/rooms.h"
+#include "tests/support/cli.h"
+
+namespace countershade {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::run_countershade;
+using testing::TemporaryFolder;
+
+// The documentation's room with devices of a third of the resolution: seconds instead of minutes.
+simdata::RigAndRoom small_room() {
+  simdata::RigAndRoom room = simdata::default_two_wall();
+  SimulatedCamera& camera = room.simulation.cameras[0];
+  camera.focal_px /= 3;
+  for (int i = 0; i < 2; ++i) camera.resolution[i] /= 3, camera.principal[i] = (camera.principal[i] + 0.5) / 3 - 0.5;
+  for (ProjectorSpec& p : room.rig.projectors) p.resolution = {480, 300};
+  room.simulation.samples = 1024;
+  return room;
+}
+
+void write_rig(const fs::path& folder, const simdata::RigAndRoom& room) {
+  Device lens = simdata::true_camera(room.simulation, room.rig.cameras[0].id).value();
+  lens.device_from_world = {};
+  write_cameramodel(folder / room.rig.cameras[0].model, lens).value();
+  write_atomically(folder / "rig.toml", rig_text(room.rig, &room.simulation)).value();
+}
+
+// Hash of every file below a folder, provenance apart, by relative path.
+std::map<std::string, std::string> contents(const fs::path& folder) {
+  std::map<std::string, std::string> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder))
+    if (entry.is_regular_file() && entry.path().filename() != "provenance.json")
+      files[fs::relative(entry.path(), folder).string()] = hash_file(entry.path()).value();
+  return files;
+}
+
+TEST(Loop, MeasuresCompensatesAndVerifiesASimulatedWall) {
+  const TemporaryFolder folder;
+  write_rig(folder.path(), small_room());
+  const auto result = run_countershade("run " + (folder / "rig.toml").string() + " -o " + (folder / "out").string());
+  ASSERT_EQ(result.exit_code, 0) << result.out << result.err;
+  EXPECT_NE(result.out.find("PASS"), std::string::npos) << result.out;
+  EXPECT_TRUE(fs::exists(folder / "out/report/report.html"));
+
+  // Honesty: the calibration does not depend on the truth of the room, nor on the folder's name.
+  fs::rename(folder / "out/session", folder / "elsewhere");
+  fs::remove(folder / "elsewhere/simulation.toml");
+  const auto again =
+      run_countershade("calibrate " + (folder / "elsewhere").string() + " -o " + (folder / "again").string());
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(contents(folder / "again"), contents(folder / "out/calibration"));
+
+  // A black picture needs nothing: the projector can only show black.
+  const auto wrong_id = run_countershade("compensate " + (folder / "again").string() + " --picture middle=x.png -o " +
+                                         (folder / "shown").string());
+  EXPECT_EQ(wrong_id.exit_code, 1);
+  EXPECT_NE(wrong_id.err.find("no projector 'middle'"), std::string::npos) << wrong_id.err;
+  EXPECT_NE(wrong_id.err.find("left, right"), std::string::npos) << wrong_id.err;
+  EXPECT_FALSE(fs::exists(folder / "shown"));
+  const auto chart = run_countershade("compensate " + (folder / "again").string() + " --picture x.png -o " +
+                                      (folder / "shown").string());
+  EXPECT_EQ(chart.exit_code, 1);
+  EXPECT_NE(chart.err.find("registration"), std::string::npos) << chart.err;
+  const auto frames =
+      run_countershade("play " + (folder / "again").string() + " gradient --frames " + (folder / "frames").string());
+  EXPECT_EQ(frames.exit_code, 0) << frames.err;
+  EXPECT_TRUE(fs::exists(folder / "frames/0000/left.png"));
+}
+
+// Each of these must end with exit code 1, a message that names thing and remedy, and nothing written.
+struct BadInput {
+  const char *name, *rig, *arguments, *expected;
+};
+
+class BadInputTest : public ::testing::TestWithParam<BadInput> {};
+
+TEST_P(BadInputTest, IsNamedAndLeavesNothingBehind) {
+  const TemporaryFolder folder;
+  std::ofstream(folder / "rig.toml") << GetParam().rig;
+  std::string arguments = GetParam().arguments;
+  for (std::size_t at; (at = arguments.find('@')) != std::string::npos;)
+    arguments.replace(at, 1, folder.path().string());
+  const auto before = contents(folder.path());
+  const auto result = run_countershade(arguments);
+  EXPECT_EQ(result.exit_code, 1) << result.out << result.err;
+  EXPECT_NE(result.err.find(GetParam().expected), std::string::npos) << result.err;
+  EXPECT_EQ(contents(folder.path()), before);
+}
+
+constexpr const char* kRig = "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n";
+
+INSTANTIATE_TEST_SUITE_P(
+    Cli, BadInputTest,
+    ::testing::Values(
+        BadInput{"UnknownKey", "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresoltion = [64, 48]\n",
+                 "patterns @/rig.toml -o @/out", "nearest valid key is 'resolution'"},
+        BadInput{"NoProjector", "[[camera]]\nid = \"c\"\n", "patterns @/rig.toml -o @/out", "projector"},
+        BadInput{"ZeroResolution", "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [0, 48]\n",
+                 "patterns @/rig.toml -o @/out", "resolution"},
+        BadInput{"NotFinite",
+                 "[[camera]]\nid = \"c\"\npedestal = nan\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n",
+                 "patterns @/rig.toml -o @/out", "finite"},
+        BadInput{"ZeroSizeScreen",
+                 "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n[simulation]\nleft_size = "
+                 "[0, 2]\n",
+                 "simulate @/rig.toml -o @/out", "left_size"},
+        BadInput{"MissingRig", kRig, "capture @/nothing.toml -o @/out", "nothing.toml"},
+        BadInput{"NoSimulation", kRig, "simulate @/rig.toml -o @/out", "[simulation]"},
+        BadInput{"NoPhotos", kRig, "import @/rig.toml --photos @/nowhere -o @/out", "nowhere"},
+        BadInput{"NoSession", kRig, "calibrate @/nowhere -o @/out", "nowhere"},
+        BadInput{"NoCalibration", kRig, "compensate @/nowhere --picture p=a.png -o @/out", "nowhere"},
+        BadInput{"OutputExists", kRig, "patterns @/rig.toml -o @", "exists"}),
+    [](const auto& info) { return std::string(info.param.name); });
+
+TEST(Cli, EveryVerbHasHelp) {
+  for (const char* verb : {"new", "devices", "check", "patterns", "capture", "import", "simulate", "calibrate",
+                           "compensate", "play", "verify", "run"}) {
+    const auto result = run_countershade(std::string(verb) + " --help");
+    EXPECT_EQ(result.exit_code, 0) << verb;
+    EXPECT_NE(result.out.find("Usage"), std::string::npos) << verb;
+  }
+}
+
+TEST(Cli, NewWritesARigThatItReadsBackAndOverwritesNothing) {
+  const TemporaryFolder folder;
+  const std::string rig = (folder / "rig.toml").string();
+  ASSERT_EQ(run_countershade("new two-wall -o " + rig).exit_code, 0);
+  EXPECT_TRUE(read_rig(rig));
+  EXPECT_TRUE(read_simulation(rig));
+  const auto again = run_countershade("new two-wall -o " + rig);
+  EXPECT_EQ(again.exit_code, 1);
+  EXPECT_NE(again.err.find("exists already"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace countershade
