@@ -69,7 +69,10 @@ struct Candidate {
 
 // One projector alone with the planes it lights, from every start; the cheapest wins.
 Result<Candidate> fit_alone(const Problem& problem, int q) {
-  const ProjectorSpec& spec = problem.specs[q];
+  // Alone, a projector drifts along its weak direction (PHYSICS 6); its column is held near the prior until the others
+  // join.
+  ProjectorSpec spec = problem.specs[q];
+  spec.lens_shift_sigma *= 0.1;
   std::vector<int> own(problem.labels[q]);
   std::sort(own.begin(), own.end());
   own.erase(std::unique(own.begin(), own.end()), own.end());
@@ -110,7 +113,8 @@ Result<Candidate> fit_alone(const Problem& problem, int q) {
 
 // All projectors in one scale, that of `anchor`: the others are resected on the planes already placed, and bring the
 // planes they light besides.
-Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candidates, std::size_t anchor) {
+Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candidates, std::size_t anchor,
+                    bool resected) {
   Bundle joint;
   joint.planes.assign(problem.planes, Eigen::Vector3d::Zero());
   joint.projectors.resize(candidates.size());
@@ -139,7 +143,7 @@ Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candid
     const Bundle& own = candidates[next].bundle;
     joint.projectors[next] = own.projectors[0];
     joint.projectors[next].projector_from_camera.translation *= scale;
-    if (round > 0)
+    if (round > 0 && resected)
       if (const auto start = parts::resect(problem.matches[next], joint.planes))
         joint.projectors[next] = {start->focal, start->cx, start->cy, start->projector_from_camera};
     for (int p = 0; p < problem.planes; ++p)
@@ -249,16 +253,23 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
   // is tried as the one to begin with, and the adjustment of all decides.
   Bundle bundle;
   double least = HUGE_VAL;
-  for (std::size_t anchor = 0; anchor < candidates.size(); ++anchor) {
-    CS_TRY(Bundle joint, join(problem, candidates, anchor));
-    const double cost = adjust_all(problem, options, 2.0, false, joint).cost;
-    if (cost < least) least = cost, bundle = joint;
-  }
+  const std::vector<ProjectorSpec> stated = problem.specs;
+  for (std::size_t anchor = 0; anchor < candidates.size(); ++anchor)
+    for (int way = 0; way < 4; ++way) {
+      CS_TRY(Bundle joint, join(problem, candidates, anchor, way % 2 == 1));
+      // What a start explains counts only once it was adjusted; two ways first hold the columns near their prior.
+      if (way < 2)
+        for (ProjectorSpec& spec : problem.specs) spec.lens_shift_sigma *= 0.1;
+      adjust_all(problem, options, 2.0, false, joint);
+      if (way < 2) adjust_all(problem, options, 2.0, false, joint);
+      problem.specs = stated;
+      const double cost = adjust_all(problem, options, 1.5, false, joint).cost;
+      if (cost < least) least = cost, bundle = joint;
+    }
   if (!std::isfinite(least))
     return error(ErrorCode::kRefused,
                  "the projectors' views contradict each other: no common geometry explains all correspondences; did "
                  "anything move during the capture?");
-  adjust_all(problem, options, 1.5, false, bundle);
   const parts::BundleResult result = adjust_all(problem, options, 1.0, true, bundle);
   GeometryFit fit;
   fill_charts(problem, bundle, fit);
