@@ -62,7 +62,7 @@ TEST(Loop, MeasuresCompensatesAndVerifiesASimulatedWall) {
   ASSERT_EQ(again.exit_code, 0) << again.err;
   EXPECT_EQ(contents(folder / "again"), contents(folder / "out/calibration"));
 
-  // A black picture needs nothing: the projector can only show black.
+  // Pictures that belong to no projector are refused by name, and nothing is written.
   const auto wrong_id = run_countershade("compensate " + (folder / "again").string() + " --picture middle=x.png -o " +
                                          (folder / "shown").string());
   EXPECT_EQ(wrong_id.exit_code, 1);
