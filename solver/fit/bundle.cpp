@@ -6,6 +6,7 @@
 #include <cmath>
 #include <map>
 
+#include "calib/base/check.h"
 #include "solver/fit/geometry_parts.h"
 
 namespace countershade::solver::parts {
@@ -140,9 +141,12 @@ void add_covariance(ceres::Problem& problem, Blocks& blocks, BundleResult& resul
 
 }  // namespace
 
-BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs, bool covariance,
-                    Bundle& bundle) {
-  const double scale = bundle.planes[0].norm();
+BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs,
+                    const Adjustment& adjustment, Bundle& bundle) {
+  const auto gauge =
+      std::find_if(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return w.norm() > 0; });
+  CS_CHECK(gauge != bundle.planes.end(), "a bundle without planes");
+  const double scale = gauge->norm();
   for (Eigen::Vector3d& w : bundle.planes) w /= scale;
   for (auto& p : bundle.projectors) p.projector_from_camera.translation *= scale;
   Blocks blocks = pack(bundle);
@@ -154,15 +158,18 @@ BundleResult adjust(const std::vector<Matches>& matches, const std::vector<Proje
     for (const Match& m : matches[q]) {
       if (m.plane < 0) continue;
       auto* cost = new ceres::AutoDiffCostFunction<Reprojection, 2, 3, 6, 3>(new Reprojection{m.ray, m.q, 1 / m.sigma});
-      problem.AddResidualBlock(cost, new ceres::CauchyLoss(3.0), blocks.intrinsics[q].data(), blocks.poses[q].data(),
-                               blocks.planes[m.plane].data());
+      problem.AddResidualBlock(cost, adjustment.robust ? new ceres::CauchyLoss(3.0) : nullptr,
+                               blocks.intrinsics[q].data(), blocks.poses[q].data(), blocks.planes[m.plane].data());
     }
     problem.AddResidualBlock(new ceres::AutoDiffCostFunction<IntrinsicPrior, 3, 3>(
                                  new IntrinsicPrior(prior_of(specs[q], bundle.projectors[q].focal))),
                              nullptr, blocks.intrinsics[q].data());
     problem.SetParameterLowerBound(blocks.intrinsics[q].data(), 0, 0.05 * specs[q].resolution[0]);
   }
-  problem.SetManifold(blocks.planes[0].data(), new ceres::SphereManifold<3>());
+  if (adjustment.hold_columns)
+    for (auto& intrinsics : blocks.intrinsics)
+      problem.SetManifold(intrinsics.data(), new ceres::SubsetManifold(3, {1}));
+  problem.SetManifold(blocks.planes[gauge - bundle.planes.begin()].data(), new ceres::SphereManifold<3>());
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
   options.max_num_iterations = 60;
@@ -174,7 +181,7 @@ BundleResult adjust(const std::vector<Matches>& matches, const std::vector<Proje
   BundleResult result;
   result.cost = std::isfinite(summary.final_cost) && summary.IsSolutionUsable() ? summary.final_cost : HUGE_VAL;
   result.rms_px = residual_rms(matches, blocks);
-  if (covariance) add_covariance(problem, blocks, result);
+  if (adjustment.covariance) add_covariance(problem, blocks, result);
   unpack(blocks, bundle);
   return result;
 }

@@ -13,14 +13,7 @@ namespace {
 
 using parts::Bundle;
 using parts::Matches;
-
-struct Problem {
-  std::vector<Matches> matches;  // per projector, labelled with common planes
-  std::vector<ProjectorSpec> specs;
-  std::vector<std::vector<Eigen::Matrix3d>> maps;  // per projector, own planes
-  std::vector<std::vector<int>> labels;            // per projector, own -> common
-  int planes = 0;
-};
+using parts::Problem;
 
 Result<Problem> segment(const Device& camera, const std::vector<ProjectorObservation>& observations,
                         const GeometryOptions& options) {
@@ -62,100 +55,11 @@ Matches thin(const Matches& all, int planes, int count) {
   return kept;
 }
 
-struct Candidate {
-  Bundle bundle;  // one projector, its own planes at their common labels (others zero)
-  double cost = HUGE_VAL;
-};
-
-// One projector alone with the planes it lights, from every start; the cheapest wins.
-Result<Candidate> fit_alone(const Problem& problem, int q) {
-  // Alone, a projector drifts along its weak direction (PHYSICS 6); its column is held near the prior until the others
-  // join.
-  ProjectorSpec spec = problem.specs[q];
-  spec.lens_shift_sigma *= 0.1;
-  std::vector<int> own(problem.labels[q]);
-  std::sort(own.begin(), own.end());
-  own.erase(std::unique(own.begin(), own.end()), own.end());
-  Matches matches = thin(problem.matches[q], problem.planes, 1200);
-  std::vector<int> local(problem.planes, -1);
-  for (std::size_t i = 0; i < own.size(); ++i) local[own[i]] = static_cast<int>(i);
-  for (parts::Match& m : matches) m.plane = local[m.plane];
-  if (own.size() == 1 && !(spec.throw_ratio && spec.lens_shift))
-    return error(
-        ErrorCode::kRefused,
-        "projector '{}' lights one plane only: its lens and pose cannot be told from one plane. State {}{}{} for it "
-        "in rig.toml, or let it spill at least 30 cm over the edge and capture again",
-        spec.id, spec.throw_ratio ? "" : "throw_ratio", !spec.throw_ratio && !spec.lens_shift ? " and " : "",
-        spec.lens_shift ? "" : "lens_shift");
-  const std::vector<parts::Start> starts = own.size() == 1 ? parts::starts_from_plane(matches, spec, problem.maps[q][0])
-                                                           : parts::starts_from_epipolar(matches, spec);
-  Candidate best;
-  for (const parts::Start& start : starts) {
-    Bundle bundle;
-    bundle.projectors = {{start.focal, start.cx, start.cy, start.projector_from_camera}};
-    bundle.planes = parts::planes_from_start(start, matches, static_cast<int>(own.size()));
-    if (std::any_of(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return !(w.norm() > 1e-9); }))
-      continue;
-    const double cost = parts::adjust({matches}, {spec}, false, bundle).cost;
-    if (cost < best.cost) best = {bundle, cost};
-  }
-  if (!std::isfinite(best.cost))
-    return error(
-        ErrorCode::kRefused,
-        "projector '{}': no pose of it explains the correspondences; check that the rows and columns of the "
-        "patterns are the projector's own pixels (no scaling, no keystone correction) and that the lens model fits",
-        spec.id);
-  std::vector<Eigen::Vector3d> common(problem.planes, Eigen::Vector3d::Zero());
-  for (std::size_t i = 0; i < own.size(); ++i) common[own[i]] = best.bundle.planes[i];
-  best.bundle.planes = common;
-  return best;
-}
-
-// All projectors in one scale, that of `anchor`: the others are resected on the planes already placed, and bring the
-// planes they light besides.
-Result<Bundle> join(const Problem& problem, const std::vector<Candidate>& candidates, std::size_t anchor,
-                    bool resected) {
-  Bundle joint;
-  joint.planes.assign(problem.planes, Eigen::Vector3d::Zero());
-  joint.projectors.resize(candidates.size());
-  std::vector<bool> placed(candidates.size());
-  for (std::size_t round = 0; round < candidates.size(); ++round) {
-    std::size_t next = candidates.size();
-    std::vector<double> ratios;  // of scales, over the planes in common
-    for (std::size_t q = 0; q < candidates.size() && next == candidates.size(); ++q) {
-      if (placed[q] || (round == 0 && q != anchor)) continue;
-      ratios.clear();
-      for (int p = 0; p < problem.planes; ++p)
-        if (joint.planes[p].norm() > 0 && candidates[q].bundle.planes[p].norm() > 0)
-          ratios.push_back(candidates[q].bundle.planes[p].norm() / joint.planes[p].norm());
-      if (round == 0 || !ratios.empty()) next = q;
-    }
-    if (next == candidates.size())
-      return error(ErrorCode::kRefused,
-                   "the projectors light no common plane, so their scales cannot be joined; let two of them overlap or "
-                   "spill onto the same wall");
-    placed[next] = true;
-    double scale = 1;
-    if (!ratios.empty()) {
-      std::nth_element(ratios.begin(), ratios.begin() + ratios.size() / 2, ratios.end());
-      scale = ratios[ratios.size() / 2];
-    }
-    const Bundle& own = candidates[next].bundle;
-    joint.projectors[next] = own.projectors[0];
-    joint.projectors[next].projector_from_camera.translation *= scale;
-    if (round > 0 && resected)
-      if (const auto start = parts::resect(problem.matches[next], joint.planes))
-        joint.projectors[next] = {start->focal, start->cx, start->cy, start->projector_from_camera};
-    for (int p = 0; p < problem.planes; ++p)
-      if (joint.planes[p].norm() == 0) joint.planes[p] = own.planes[p] / scale;
-  }
-  return joint;
-}
-
 // Gives every match to the plane that explains it best, or to none; then adjusts everything together.
 // `reach`: projector pixels within which a match belongs to a plane. The result's cost is the mean per match, where one
 // that no plane explains counts as kUnexplained: a fit must not win by explaining less.
 constexpr double kUnexplained = 12;  // the robust cost of a match at the reach
+constexpr int kFinalists = 3;        // starts that are adjusted on the matches themselves
 parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options, double reach, bool covariance,
                                Bundle& bundle) {
   std::vector<Matches> chosen;
@@ -179,7 +83,7 @@ parts::BundleResult adjust_all(Problem& problem, const GeometryOptions& options,
         thin(problem.matches[q], problem.planes, options.max_points / static_cast<int>(problem.matches.size())));
   }
   for (const Matches& m : chosen) used += m.size();
-  parts::BundleResult result = parts::adjust(chosen, problem.specs, covariance, bundle);
+  parts::BundleResult result = parts::adjust(chosen, problem.specs, {.covariance = covariance}, bundle);
   result.cost = used ? result.cost / used + kUnexplained * (1 - static_cast<double>(explained) / all) : HUGE_VAL;
   return result;
 }
@@ -239,33 +143,19 @@ void scale_to_metres(const Device& camera, const ScreenSpec& spec, Bundle& bundl
 Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<ProjectorObservation>& observations,
                                  const ScreenSpec& screen, const GeometryOptions& options, Progress& progress) {
   CS_CHECK(!observations.empty(), "no projector");
-  const double steps = observations.size() + 3.0;
-  progress.step("geometry", 0, steps);
+  progress.step("geometry", 0, 3);
   CS_TRY(Problem problem, segment(camera, observations, options));
-  progress.step("geometry", 1, steps);
-  std::vector<Candidate> candidates;
-  for (std::size_t q = 0; q < observations.size(); ++q) {
-    CS_TRY(Candidate candidate, fit_alone(problem, static_cast<int>(q)));
-    candidates.push_back(std::move(candidate));
-    progress.step("geometry", 2.0 + q, steps);
-  }
-  // Any projector alone may have drifted along its weak direction (PHYSICS 6); together they hold each other. So each
-  // is tried as the one to begin with, and the adjustment of all decides.
+  progress.step("geometry", 1, 3);
+  CS_TRY(std::vector<Bundle> starts, parts::starts_together(problem));
+  progress.step("geometry", 2, 3);
+  if (starts.size() > kFinalists) starts.resize(kFinalists);
   Bundle bundle;
   double least = HUGE_VAL;
-  const std::vector<ProjectorSpec> stated = problem.specs;
-  for (std::size_t anchor = 0; anchor < candidates.size(); ++anchor)
-    for (int way = 0; way < 4; ++way) {
-      CS_TRY(Bundle joint, join(problem, candidates, anchor, way % 2 == 1));
-      // What a start explains counts only once it was adjusted; two ways first hold the columns near their prior.
-      if (way < 2)
-        for (ProjectorSpec& spec : problem.specs) spec.lens_shift_sigma *= 0.1;
-      adjust_all(problem, options, 2.0, false, joint);
-      if (way < 2) adjust_all(problem, options, 2.0, false, joint);
-      problem.specs = stated;
-      const double cost = adjust_all(problem, options, 1.5, false, joint).cost;
-      if (cost < least) least = cost, bundle = joint;
-    }
+  for (Bundle& start : starts) {
+    adjust_all(problem, options, 2.0, false, start);
+    const double cost = adjust_all(problem, options, 1.5, false, start).cost;
+    if (cost < least) least = cost, bundle = start;
+  }
   if (!std::isfinite(least))
     return error(ErrorCode::kRefused,
                  "the projectors' views contradict each other: no common geometry explains all correspondences; did "
@@ -292,7 +182,7 @@ Result<GeometryFit> fit_geometry(const Device& camera, const std::vector<Project
           fmt::format("projector '{}': lens_shift not stated; its principal column is taken as the centre +- {:.0f} px",
                       observations[q].spec.id, observations[q].spec.lens_shift_sigma * resolution[0]));
   }
-  progress.step("geometry", steps, steps);
+  progress.step("geometry", 3, 3);
   return fit;
 }
 

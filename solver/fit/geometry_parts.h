@@ -40,9 +40,9 @@ struct Start {
   Pose projector_from_camera;  // |translation| = 1
   double score = 0;            // smaller is better
 };
-// From the epipolar geometry of >= 2 planes: f and principal row by the equality of the essential matrix's singular
-// values over a grid (Hartley & Zisserman 2004, 9.6), the column from the prior.
-std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorSpec& spec);
+// From the epipolar geometry of >= 2 planes and a principal column [px]: f and principal row by the equality of the
+// essential matrix's singular values over a grid (Hartley & Zisserman 2004, 9.6).
+std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorSpec& spec, double column);
 // From one plane and known intrinsics: decomposition of its homography (Malis & Vargas 2007).
 std::vector<Start> starts_from_plane(const Matches& matches, const ProjectorSpec& spec, const Eigen::Matrix3d& H);
 
@@ -68,9 +68,27 @@ struct BundleResult {
   std::vector<Eigen::Vector4d> sigma;  // focal, cx, cy, relative distance
   Eigen::MatrixXd plane_covariance;    // (3 planes, 3 planes); empty unless asked for
 };
-// matches[q] with plane labels; those labelled -1 are left out.
-BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs, bool covariance,
-                    Bundle& bundle);
+struct Adjustment {
+  bool robust = true;         // Cauchy loss; off for matches known to be right
+  bool hold_columns = false;  // principal columns stay where they are
+  bool covariance = false;
+};
+// matches[q] with plane labels; those labelled -1 are left out, and a plane without matches stays where it is.
+BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs,
+                    const Adjustment& adjustment, Bundle& bundle);
+
+// What the fit knows: matches labelled with planes that all projectors share.
+struct Problem {
+  std::vector<Matches> matches;                    // per projector
+  std::vector<ProjectorSpec> specs;                // per projector
+  std::vector<std::vector<Eigen::Matrix3d>> maps;  // per projector, of its own planes
+  std::vector<std::vector<int>> labels;            // per projector: own plane -> common label
+  int planes = 0;
+};
+
+// Where all projectors may stand together, cheapest first, each adjusted on digests of the matches. Errors: kRefused
+// (one plane without the priors it needs; no pose; no plane in common).
+Result<std::vector<Bundle>> starts_together(const Problem& problem);
 
 // Charts of the planes: they meet at creases and hold all decoded pixels. Points are given per plane.
 struct Charts {

@@ -103,9 +103,9 @@ bool pose_from_essential(const Eigen::Matrix3d& E, const Eigen::Matrix3d& K, con
 
 }  // namespace
 
-std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorSpec& spec) {
+std::vector<Start> starts_from_epipolar(const Matches& matches, const ProjectorSpec& spec, double column) {
   const Eigen::Matrix3d F = fundamental(matches);
-  const Eigen::Vector2d principal = prior_principal(spec);
+  const Eigen::Vector2d principal(column, prior_principal(spec).y());
   const double width = spec.resolution[0], height = spec.resolution[1];
   struct Cell {
     double score, f, cy;
