@@ -33,6 +33,13 @@ Clipped clipped_direct_for(const Gather& K, const Radiosity& target, const Radio
 Clipped clipped_direct_for(const Model& model, const Radiosity& target, const Radiosity& low, const Radiosity& high,
                            float tolerance, int max_gathers);
 
+// Least squares within the box: the direct light in [low, high] whose radiosity comes nearest to `target` (sum of
+// squares over patches, per channel), by projected gradients with momentum and restart (Beck & Teboulle 2009;
+// O'Donoghue & Candes 2015) from the clipped solution. It darkens senders to help receivers. A yardstick for offline
+// use: hundreds of gathers. Requires low <= high (a Bug otherwise).
+Clipped optimal_direct_for(const Model& model, const Radiosity& target, const Radiosity& low, const Radiosity& high,
+                           int iterations);
+
 // The paper's Algorithm 2 (H = 1: Algorithm 1) as baseline: D <- R - (K + .. + K^H) D from D = R, until no value moves
 // by more than `tolerance` or `max_passes`. Diverges where PHYSICS 3 says so; `converged` tells.
 struct PaperSolution {
@@ -70,7 +77,6 @@ struct FrameReport {
   int gathers = 0;
   double largest_indirect = 0;  // max of K R / white
   double clipped_pixels = 0;    // share of modelled pixels that would need less than black in some channel
-  double certificate = 0;       // mean certificate / white (CPU only)
 };
 
 // Linear light fractions of a projector's picture: (height, width, 3), b..1 = light(encoded).
@@ -108,6 +114,14 @@ class Compensator {
   struct Parts;
   std::unique_ptr<Parts> parts_;
 };
+
+// What a show does by the model, whoever computed it: mean over patches and channels, as shares of white.
+struct Forecast {
+  double certificate = 0;  // bound on |B - R|
+  double deviation = 0;    // root mean square of B - R
+  double optimum = 0;      // the same of the best that the projectors' range allows
+};
+Forecast forecast(const Model& model, std::span<const Picture> plain, std::span<const Picture> shown);
 
 // One frame: Compensator(model).frame(pictures, options).
 Compensated compensate_frame(const Model& model, std::span<const Picture> pictures, const CompensateOptions& options);

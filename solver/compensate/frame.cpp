@@ -231,7 +231,6 @@ Radiosity Compensator::receiver_indirect(const PatchTarget& target, const Compen
   const Clipped clipped = clipped_direct_for(parts.patches, target.target, target.low, target.high,
                                              kClipTolerance * white, options.max_gathers);
   report.gathers = clipped.gathers;
-  report.certificate = certificate(parts.patches, clipped.direct, target.target).mean() / white;
   return parts.receivers(clipped.shown);
 }
 

@@ -219,6 +219,7 @@ json summary_json(const CalibrationSummary& s) {
           {"held_out_p99", s.held_out_p99},
           {"mean_indirect_gain", {s.mean_k[0], s.mean_k[1], s.mean_k[2]}},
           {"photometric_frames", s.frames},
+          {"session_frames", s.session_frames},
           {"notes", s.notes}};
 }
 
@@ -235,6 +236,7 @@ CalibrationSummary summary_from(const json& j) {
   s.held_out_error = j.at("held_out_error");
   s.held_out_p99 = j.at("held_out_p99");
   s.frames = j.at("photometric_frames");
+  s.session_frames = j.at("session_frames");
   s.notes = j.at("notes").get<std::vector<std::string>>();
   return s;
 }
@@ -322,6 +324,7 @@ Result<CalibrationSummary> calibrate(const fs::path& session_folder, const fs::p
                                      const CalibrateOptions& options, Progress& progress) {
   CS_TRY(const Session session, Session::open(session_folder));
   CalibrationSummary summary;
+  summary.session_frames = static_cast<int>(session.sequence().frames.size());
   CS_TRY_VOID(create_folder_atomically(out, [&](const fs::path& folder) -> Result<void> {
     CS_TRY_VOID(fill(session, folder, options, summary, progress));
     return write_atomically(folder / "calibration.json", summary_json(summary).dump(1) + "\n");

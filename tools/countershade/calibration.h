@@ -32,7 +32,8 @@ struct CalibrationSummary {
   std::vector<double> crease_angle_deg, crease_sigma_deg;
   double chi2 = 0, held_out_error = 0, held_out_p99 = 0;  // fractions of white
   double mean_k[3] = {0, 0, 0};
-  int frames = 0;
+  int frames = 0;                  // photometric ones that were fitted
+  int session_frames = 0;          // of the whole capture
   std::vector<std::string> notes;  // what was assumed, what is missing
 };
 

@@ -16,6 +16,19 @@ std::string joined(int argc, char** argv) {
   return line;
 }
 
+// Name and value of every option of the verb, as given or by default.
+std::vector<std::pair<std::string, std::string>> effective_options(const CLI::App& app) {
+  std::vector<std::pair<std::string, std::string>> options;
+  for (const CLI::App* verb : app.get_subcommands())
+    for (const CLI::Option* option : verb->get_options()) {
+      if (option->get_name(false, true) == "--help") continue;
+      std::string value = option->get_default_str();
+      if (option->count() > 0) value = fmt::format("{}", fmt::join(option->results(), ", "));
+      if (!value.empty()) options.emplace_back(option->get_single_name(), value);
+    }
+  return options;
+}
+
 int run(int argc, char** argv) {
   CLI::App app("Measures how a concave projection screen lights itself, and compensates it.", "countershade");
   app.set_version_flag("--version", COUNTERSHADE_VERSION);
@@ -33,7 +46,7 @@ int run(int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : 2;
   }
   ConsoleProgress progress(as_json ? ConsoleMode::kJson : default_console_mode());
-  const Context context{COUNTERSHADE_VERSION, joined(argc, argv), &progress};
+  const Context context{COUNTERSHADE_VERSION, joined(argc, argv), &progress, effective_options(app)};
   const Result<Answer> answer = action(context);
   progress.finish();
   if (!answer) {

@@ -71,7 +71,7 @@ Result<Answer> write_frames(const Options& options, const solver::Model& model, 
   CS_TRY_VOID(create_folder_atomically(options.frames, [&](const fs::path& hidden) -> Result<void> {
     for (std::size_t i = 0; i < moments.size(); ++i) {
       context.progress->step("frames", i, moments.size());
-      Show show{{moments[i].pictures, {}}, "", 0};
+      Show show{{}, {moments[i].pictures, {}}, "", 0};
       if (!options.plain) {
         CS_TRY(show, compensate_show(model, moments[i].pictures, {}, Engine::kAuto, *context.progress));
       }
@@ -99,7 +99,7 @@ Result<Answer> play_in_windows(const Options& options, const Calibration& calibr
   const double until = options.seconds > 0 ? options.seconds : HUGE_VAL;
   while (elapsed() < until) {
     const Moment& moment = moments[frames % moments.size()];
-    Show show{{moment.pictures, {}}, "", 0};
+    Show show{{}, {moment.pictures, {}}, "", 0};
     if (!options.plain) {
       CS_TRY(show, compensate_show(calibration.model, moment.pictures, {}, Engine::kAuto, *context.progress));
     }

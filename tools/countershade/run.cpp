@@ -82,8 +82,13 @@ Result<Answer> run_all(const Options& options, const Context& context) {
        {"compensate and photograph", fmt::format("{}", photos.exposures), fmt::format("{:.1f}", photographed)}}};
   Table checks{"Check before capture", {"what", "measured"}, {}};
   for (const Finding& f : findings) checks.rows.push_back({f.what, f.measured});
+  const ReportContext about{fmt::format("{}, picture {}", options.rig.string(), options.picture),
+                            context.options,
+                            {effort, checks},
+                            captured,
+                            calibrated + show.milliseconds / 1000};
   CS_TRY(const Verification v,
-         report_verification(calibration, calibration_folder, pixels, photos, &show, {effort, checks}, report));
+         report_verification(calibration, calibration_folder, pixels, photos, &show, about, report));
   CS_TRY_VOID(context.record(report, {calibration_folder / "calibration.json"}));
   const VerifyNumbers& n = v.numbers;
   std::string text = fmt::format(

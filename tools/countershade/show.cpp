@@ -32,7 +32,8 @@ Result<Show> show_on_gl(const solver::Model& model, std::span<const Picture> pic
   CS_TRY_VOID(runtime->render(pictures));
   CS_TRY(solver::Compensated compensated, runtime->read());
   const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
-  return Show{std::move(compensated), "GL: " + context->description(), took.count()};
+  return Show{
+      {pictures.begin(), pictures.end()}, std::move(compensated), "GL: " + context->description(), took.count()};
 }
 
 }  // namespace
@@ -85,7 +86,7 @@ Result<Show> compensate_show(const solver::Model& model, std::span<const Picture
   }
   const solver::Compensator compensator(model);
   const auto start = std::chrono::steady_clock::now();
-  Show show{compensator.frame(pictures, options), "CPU", 0};
+  Show show{{pictures.begin(), pictures.end()}, compensator.frame(pictures, options), "CPU", 0};
   const std::chrono::duration<double, std::milli> took = std::chrono::steady_clock::now() - start;
   show.milliseconds = took.count();
   return show;

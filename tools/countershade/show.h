@@ -20,6 +20,7 @@ Result<std::vector<Picture>> test_pictures(const solver::Model& model, const std
 
 enum class Engine { kAuto, kGl, kCpu };
 struct Show {
+  std::vector<Picture> plain;  // what was asked for
   solver::Compensated compensated;
   std::string engine;  // "GL: <renderer>" or "CPU"
   double milliseconds = 0;

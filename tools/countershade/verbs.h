@@ -1,6 +1,7 @@
 // The verbs of the command line: each is one file that adds its subcommand; main runs what was asked for.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -25,8 +26,11 @@ struct Answer {
 struct Context {
   std::string version, command_line;
   Progress* progress = nullptr;
+  std::vector<std::pair<std::string, std::string>> options;  // effective ones of the verb: name, value
+  std::chrono::steady_clock::time_point started = std::chrono::steady_clock::now();
 
-  // provenance.json beside an output (HOUSE.md); hashes the given inputs.
+  double seconds() const;  // since the start
+  // provenance.json beside an output (HOUSE.md): version, command, options, seconds, and hashes of the given inputs.
   Result<void> record(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& inputs) const;
 };
 

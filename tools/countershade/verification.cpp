@@ -56,7 +56,6 @@ Table show_table(const Show& show) {
            {"solver chosen", fmt::format("{} ({} gathers)", names[static_cast<int>(r.used)], r.gathers)},
            {"strongest scattered light", fmt::format("{:.2f} % of white", 100 * r.largest_indirect)},
            {"projector pixels clipped", fmt::format("{:.2f} %", 100 * r.clipped_pixels)},
-           {"certificate: error by the model itself", fmt::format("{:.4f} % of white, mean", 100 * r.certificate)},
            {"one frame", fmt::format("{:.1f} ms", show.milliseconds)}}};
 }
 
@@ -81,21 +80,58 @@ VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeom
   return masks;
 }
 
+Mask clipped_pixels(const solver::PixelGeometry& pixels, const Show& show) {
+  Mask clipped(pixels.width, pixels.height, 1);
+  for (std::size_t i = 0; i < clipped.data().size(); ++i) {
+    bool lit = false;
+    std::array<bool, 3> dark{true, true, true};
+    for (std::size_t q = 0; q < pixels.beam.size(); ++q) {
+      const Picture& picture = show.compensated.pictures[q];
+      const Eigen::Vector2f& beam = pixels.beam[q][i];
+      if (picture.empty() || std::isnan(beam.x())) continue;
+      const int x = std::clamp(static_cast<int>(std::lround(beam.x())), 0, picture.width() - 1);
+      const int y = std::clamp(static_cast<int>(std::lround(beam.y())), 0, picture.height() - 1);
+      lit = true;
+      for (int c = 0; c < 3; ++c) dark[c] = dark[c] && picture.row(y)[3 * static_cast<std::size_t>(x) + c] == 0;
+    }
+    clipped.data()[i] = lit && (dark[0] || dark[1] || dark[2]);
+  }
+  return clipped;
+}
+
 Result<Verification> report_verification(const Calibration& calibration,
                                          const std::filesystem::path& calibration_folder,
                                          const solver::PixelGeometry& pixels, const Photographs& photos,
-                                         const Show* show, std::vector<Table> extra, const std::filesystem::path& out) {
+                                         const Show* show, ReportContext context, const std::filesystem::path& out) {
   const VerifyMasks masks = verify_masks(calibration, pixels, photos.target);
+  const CalibrationSummary& summary = calibration.summary;
   Report report;
   report.title = "Countershade verification";
+  report.subtitle = std::move(context.subtitle);
+  report.options = std::move(context.options);
   report.input = {&photos.uncompensated, &photos.compensated, &photos.target,          &masks.lit,        &masks.edge,
                   &masks.modelled,       masks.edge_text,     calibration.model.white, photos.pixel_noise};
+  Mask clipped;
+  if (show) {
+    clipped = clipped_pixels(pixels, *show);
+    report.input.clipped = &clipped;
+  }
   report.numbers = measure(report.input);
+  Background& background = report.numbers.background;
+  background.held_out_percent = 100 * summary.held_out_error;
+  background.frames = summary.session_frames;
+  background.capture_seconds = context.capture_seconds;
+  background.compute_seconds = context.compute_seconds;
+  if (show) {
+    const solver::Forecast f = solver::forecast(calibration.model, show->plain, show->compensated.pictures);
+    background.certificate_percent = 100 * f.certificate;
+    background.reachable_gap_percent = 100 * (f.deviation - f.optimum);
+  }
   report.verdict = judge(report.numbers, {});
   if (show) report.tables.push_back(show_table(*show));
-  report.tables.push_back(calibration_table(calibration.summary));
-  for (Table& t : extra) report.tables.push_back(std::move(t));
-  for (const DecodeSummary& d : calibration.summary.decoded) {
+  report.tables.push_back(calibration_table(summary));
+  for (Table& t : context.tables) report.tables.push_back(std::move(t));
+  for (const DecodeSummary& d : summary.decoded) {
     const std::filesystem::path png =
         calibration_folder / "correspondence" / (calibration.camera_id + "-" + d.projector + "-reasons.png");
     if (std::filesystem::exists(png))
@@ -104,7 +140,7 @@ Result<Verification> report_verification(const Calibration& calibration,
                ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), saturated (white)",
            png});
   }
-  report.notes = calibration.summary.notes;
+  report.notes = summary.notes;
   CS_TRY_VOID(write_report(out, report));
   return Verification{report.numbers, report.verdict};
 }

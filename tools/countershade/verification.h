@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -26,10 +27,21 @@ struct Verification {
   Verdict verdict;
 };
 
-// Measures and writes the report; `show` is what was shown (null: photos from elsewhere). `extra` are more tables.
+// What the report says beside the photos.
+struct ReportContext {
+  std::string subtitle;
+  std::vector<std::pair<std::string, std::string>> options;  // effective ones
+  std::vector<Table> tables;
+  std::optional<double> capture_seconds, compute_seconds;
+};
+
+// Camera pixels where all projectors that light them show black in some channel: it could not be darker.
+Mask clipped_pixels(const solver::PixelGeometry& pixels, const Show& show);
+
+// Measures and writes the report; `show` is what was shown (null: photos from elsewhere).
 Result<Verification> report_verification(const Calibration& calibration,
                                          const std::filesystem::path& calibration_folder,
                                          const solver::PixelGeometry& pixels, const Photographs& photos,
-                                         const Show* show, std::vector<Table> extra, const std::filesystem::path& out);
+                                         const Show* show, ReportContext context, const std::filesystem::path& out);
 
 }  // namespace countershade::tools

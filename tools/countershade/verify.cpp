@@ -22,6 +22,20 @@ struct Options {
   Engine engine = Engine::kAuto;
 };
 
+// Where the calibration's provenance tells: how long it took, and how long the capture of its session took.
+void add_seconds(const fs::path& calibration, ReportContext& about) {
+  const auto document = [](const fs::path& folder) {
+    const Result<std::string> text = read_text(folder / "provenance.json");
+    return nlohmann::json::parse(text ? *text : "", nullptr, false);
+  };
+  const nlohmann::json own = document(calibration);
+  if (!own.is_object()) return;
+  about.compute_seconds = own.value("seconds", 0.0);
+  for (const auto& [path, hash] : own.value("inputs", nlohmann::json::object()).items())
+    if (const nlohmann::json session = document(fs::path(path).parent_path()); session.is_object())
+      about.capture_seconds = session.value("seconds", 0.0);
+}
+
 // The simulated room of the session a calibration was made from: the provenance names the session.
 Result<fs::path> simulation_of(const fs::path& calibration) {
   const auto missing = [&] {
@@ -121,8 +135,10 @@ Result<Answer> run_verify(const Options& options, const Context& context) {
       {{"exposures", fmt::format("{}", photos.exposures)},
        {"verification took", duration_text(seconds)},
        {"picture", options.pictures.empty() ? options.picture : fmt::format("{}", fmt::join(options.pictures, ", "))}}};
+  ReportContext about{options.calibration.string(), context.options, {effort}, {}, {}};
+  add_seconds(options.calibration, about);
   CS_TRY(const Verification v, report_verification(calibration, options.calibration, pixels, photos,
-                                                   options.photos.empty() ? &show : nullptr, {effort}, options.out));
+                                                   options.photos.empty() ? &show : nullptr, about, options.out));
   CS_TRY_VOID(context.record(options.out, {options.calibration / "calibration.json"}));
   return Answer{text_of(v, options.out), numbers_json(v.numbers, v.verdict), v.verdict.pass ? 0 : 1};
 }

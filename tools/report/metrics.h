@@ -50,7 +50,7 @@ struct ZoneNumbers {
 struct Background {
   std::optional<double> held_out_percent;       // error on held-out patterns, mean, % of W
   std::optional<double> certificate_percent;    // error by the model itself, mean, % of W: beside the measured |C - T|
-  std::optional<double> reachable_gap_percent;  // mean |C - best reachable|, % of W
+  std::optional<double> reachable_gap_percent;  // rms |B - R| over that of the best within range, by the model
   std::optional<int> frames;                    // photographed for the calibration
   std::optional<double> capture_seconds, compute_seconds;
 };

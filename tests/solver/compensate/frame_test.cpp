@@ -131,7 +131,6 @@ TEST(Frame, ClipsInTheDarkAndSaysHowMuch) {
   EXPECT_GT(out.report.gathers, 1);
   EXPECT_GT(out.report.clipped_pixels, .05);
   EXPECT_LT(out.report.clipped_pixels, .9);
-  EXPECT_GT(out.report.certificate, 0);
   for (int q = 0; q < 2; ++q)
     for (std::size_t i = 0; i < out.pictures[q].data().size(); ++i)
       EXPECT_LE(out.pictures[q].data()[i], pictures[q].data()[i] + 257) << "a correction only takes light away";
@@ -198,7 +197,6 @@ TEST(Frame, SurvivesTinyPicturesSinglePatchesAndGainsThatAreMissing) {
     const Compensated out = compensator.frame(pictures, {.solver = solver});
     EXPECT_TRUE(
         compensator.receiver_indirect(compensator.patch_target(pictures), {.solver = solver}, report).allFinite());
-    EXPECT_TRUE(std::isfinite(out.report.certificate));
     EXPECT_EQ(out.pictures[2].width(), 5);
   }
 }

@@ -191,5 +191,52 @@ TEST(Certificate, BoundsTheErrorAndIsTightForErrorsOfOneSign) {
   EXPECT_LT(largest(certificate(model, direct_for(model, target), target)), 1e-6f);
 }
 
+TEST(Optimum, IsTheClosedFormWhereNothingClips) {
+  const Model model = test::room();
+  const Radiosity target = test::random_radiosity(model.patches.size(), .4, .6, 21);
+  const Radiosity low = Radiosity::Zero(target.rows(), 3), high = Radiosity::Ones(target.rows(), 3);
+  const Clipped best = optimal_direct_for(model, target, low, high, 60);
+  EXPECT_LT(largest(best.shown - target), 1e-5f);
+}
+
+TEST(Optimum, SatisfiesTheConditionsOfAMinimumInTheBox) {
+  Model model = test::room();
+  model.k.setConstant(.9f);  // strong scattering
+  Radiosity target = test::random_radiosity(model.patches.size(), 0, .03, 22);
+  target.topRows(20).array() += .9f;  // a bright window in a dark room
+  const Radiosity low = Radiosity::Constant(target.rows(), 3, .001f), high = Radiosity::Ones(target.rows(), 3);
+  const Clipped clipped = clipped_direct_for(model, target, low, high, 1e-7f, 1000);
+  const Clipped best = optimal_direct_for(model, target, low, high, 400);
+  EXPECT_LE((best.shown - target).norm(), (forward(model, clipped.direct) - target).norm());
+  EXPECT_TRUE((best.direct.array() >= low.array()).all() && (best.direct.array() <= high.array()).all());
+  // The gradient, by a dense solve: zero inside the box, pointing out of it at its sides.
+  for (int c = 0; c < 3; ++c) {
+    const int n = static_cast<int>(target.rows());
+    const MatrixXd IK = MatrixXd::Identity(n, n) - (model.k.col(c).asDiagonal() * model.F).cast<double>();
+    const Eigen::VectorXd B = IK.lu().solve(best.direct.col(c).cast<double>());
+    const Eigen::VectorXd gradient = IK.transpose().lu().solve(B - target.col(c).cast<double>());
+    const double scale = gradient.cwiseAbs().maxCoeff();
+    for (int i = 0; i < n; ++i) {
+      const bool at_low = best.direct(i, c) <= low(i, c), at_high = best.direct(i, c) >= high(i, c);
+      const double tolerance = 5e-3 * scale;  // 400 steps
+      EXPECT_LT(at_low ? 0 : gradient[i], tolerance) << i;
+      EXPECT_GT(at_high ? 0 : gradient[i], -tolerance) << i;
+    }
+  }
+}
+
+TEST(Forecast, OfACompensatedShowIsBelowThatOfThePlainOne) {
+  const Model model = test::room();
+  const std::vector<Picture> plain = test::pictures(model, 120, 200), dark = test::pictures(model, 20, 250, true);
+  const Forecast good = forecast(model, plain, compensate_frame(model, plain, {.bits = 16}).pictures),
+                 none = forecast(model, plain, plain);
+  EXPECT_LT(good.optimum, 1e-4);                      // a patch at the rim of a picture has next to no light to give up
+  EXPECT_LT(good.deviation, .15 * none.deviation);    // patches sample the pictures more coarsely than the pixel step
+  EXPECT_LE(none.deviation, 1.8 * none.certificate);  // a bound on the mean; rms is above it where the light is uneven
+  const Forecast clipped = forecast(model, dark, compensate_frame(model, dark, {.bits = 16}).pictures);
+  EXPECT_GT(clipped.optimum, 0);
+  EXPECT_GT(clipped.deviation, .9 * clipped.optimum);
+}
+
 }  // namespace
 }  // namespace countershade::solver
