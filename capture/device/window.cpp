@@ -1,6 +1,12 @@
 #include "capture/device/window.h"
 
+#define GLFW_INCLUDE_GLEXT
 #include <GLFW/glfw3.h>
+
+#include <cctype>
+#include <utility>
+
+#include "capture/device/display.h"
 
 namespace countershade::capture {
 
@@ -141,6 +147,138 @@ class WindowProjector final : public Projector {
   std::vector<std::uint8_t> bytes_;
 };
 
+// The functions that copy a texture to a window, fetched from the driver.
+struct BlitGl {
+  PFNGLGENFRAMEBUFFERSPROC gen_framebuffers = nullptr;
+  PFNGLBINDFRAMEBUFFERPROC bind_framebuffer = nullptr;
+  PFNGLFRAMEBUFFERTEXTURE2DPROC framebuffer_texture = nullptr;
+  PFNGLCHECKFRAMEBUFFERSTATUSPROC check_status = nullptr;
+  PFNGLBLITFRAMEBUFFERPROC blit = nullptr;
+  PFNGLFENCESYNCPROC fence = nullptr;
+  PFNGLWAITSYNCPROC wait = nullptr;
+  PFNGLDELETESYNCPROC delete_sync = nullptr;
+  decltype(&glFlush) flush = nullptr;
+  decltype(&glDisable) disable = nullptr;
+  decltype(&glGetError) get_error = nullptr;
+
+  bool load() {
+    const auto fetch = [](auto& function, const char* name) {
+      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(glfwGetProcAddress(name));
+      return function != nullptr;
+    };
+    return fetch(gen_framebuffers, "glGenFramebuffers") && fetch(bind_framebuffer, "glBindFramebuffer") &&
+           fetch(framebuffer_texture, "glFramebufferTexture2D") && fetch(check_status, "glCheckFramebufferStatus") &&
+           fetch(blit, "glBlitFramebuffer") && fetch(fence, "glFenceSync") && fetch(wait, "glWaitSync") &&
+           fetch(delete_sync, "glDeleteSync") && fetch(flush, "glFlush") && fetch(disable, "glDisable") &&
+           fetch(get_error, "glGetError");
+  }
+};
+
+class GlfwTextureDisplay final : public TextureDisplay {
+ public:
+  ~GlfwTextureDisplay() override {
+    for (auto it = windows_.rbegin(); it != windows_.rend(); ++it) glfwDestroyWindow(it->handle);
+  }
+
+  Result<void> add(const DisplayWindow& spec, int& right) {
+    GLFWmonitor* place = nullptr;
+    if (!spec.monitor.empty()) {
+      CS_TRY(place, find_monitor(spec.projector, spec.monitor, spec.width, spec.height));
+    }
+    glfwDefaultWindowHints();
+    glfwWindowHint(GLFW_RESIZABLE, GLFW_FALSE);
+    glfwWindowHint(GLFW_AUTO_ICONIFY, GLFW_FALSE);
+    glfwWindowHint(GLFW_REFRESH_RATE, GLFW_DONT_CARE);
+    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
+    glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+    glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+    GLFWwindow* shared = windows_.empty() ? nullptr : windows_[0].handle;
+    GLFWwindow* handle =
+        glfwCreateWindow(spec.width, spec.height, ("countershade " + spec.projector).c_str(), place, shared);
+    if (handle == nullptr)
+      return error(ErrorCode::kDevice,
+                   "projector '{}': no window with OpenGL 4.3 could be opened ({}): check the display's driver",
+                   spec.projector, glfw_reason());
+    windows_.push_back({spec, handle, 0});
+    if (place == nullptr) glfwSetWindowPos(handle, right, 0), right += spec.width;
+    if (place != nullptr) glfwSetInputMode(handle, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
+    glfwSetWindowUserPointer(handle, this);
+    glfwSetCharCallback(handle, [](GLFWwindow* window, unsigned code) {
+      if (code < 128) static_cast<GlfwTextureDisplay*>(glfwGetWindowUserPointer(window))->type(static_cast<char>(code));
+    });
+    glfwSetKeyCallback(handle, [](GLFWwindow* window, int key, int, int action, int) {
+      if (key == GLFW_KEY_ESCAPE && action == GLFW_PRESS)
+        static_cast<GlfwTextureDisplay*>(glfwGetWindowUserPointer(window))->type('q');
+    });
+    glfwMakeContextCurrent(handle);
+    if (!gl_.load())
+      return error(ErrorCode::kDevice, "projector '{}': the display's OpenGL cannot copy textures: install its driver",
+                   spec.projector);
+    glfwSwapInterval(windows_.size() == 1 ? 1 : 0);  // one wait for all windows
+    gl_.gen_framebuffers(1, &windows_.back().framebuffer);
+    return {};
+  }
+
+  Result<void> present(std::span<const unsigned> textures) override {
+    CS_CHECK(textures.size() == windows_.size(), "one texture per window");
+    const GLsync drawn = gl_.fence(GL_SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl_.flush();
+    for (std::size_t q = windows_.size(); q-- > 0;) {  // the first one last: it waits, and stays current
+      glfwMakeContextCurrent(windows_[q].handle);
+      gl_.wait(drawn, 0, GL_TIMEOUT_IGNORED);
+      CS_TRY_VOID(copy(windows_[q], textures[q]));
+      glfwSwapBuffers(windows_[q].handle);
+    }
+    gl_.delete_sync(drawn);
+    glfwPollEvents();
+    return {};
+  }
+
+  std::string typed() override {
+    glfwPollEvents();
+    for (const Window& w : windows_)
+      if (glfwWindowShouldClose(w.handle)) typed_ += 'q';
+    return std::exchange(typed_, "");
+  }
+
+  void use_first() { glfwMakeContextCurrent(windows_[0].handle); }
+
+ private:
+  struct Window {
+    DisplayWindow spec;
+    GLFWwindow* handle;
+    unsigned framebuffer;
+  };
+
+  void type(char c) { typed_ += static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
+
+  Result<void> copy(const Window& window, unsigned texture) const {
+    int width = 0, height = 0;
+    glfwGetFramebufferSize(window.handle, &width, &height);
+    if (width != window.spec.width || height != window.spec.height)
+      return error(
+          ErrorCode::kDevice,
+          "projector '{}': the window has {}x{} pixels instead of {}x{}: switch the desktop's scaling off and leave "
+          "the window alone",
+          window.spec.projector, width, height, window.spec.width, window.spec.height);
+    gl_.disable(GL_DITHER);
+    gl_.bind_framebuffer(GL_READ_FRAMEBUFFER, window.framebuffer);
+    gl_.framebuffer_texture(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture, 0);
+    const unsigned status = gl_.check_status(GL_READ_FRAMEBUFFER);
+    gl_.bind_framebuffer(GL_DRAW_FRAMEBUFFER, 0);
+    gl_.blit(0, 0, width, height, 0, height, width, 0, GL_COLOR_BUFFER_BIT, GL_NEAREST);  // row 0 to the top
+    const unsigned code = gl_.get_error();
+    if (status == GL_FRAMEBUFFER_COMPLETE && code == 0) return {};
+    return error(ErrorCode::kDevice,
+                 "projector '{}': OpenGL error {:#x}, framebuffer {:#x} while showing: check the display's driver",
+                 window.spec.projector, code, status);
+  }
+
+  std::vector<Window> windows_;
+  BlitGl gl_;
+  std::string typed_;
+};
+
 }  // namespace
 
 Result<std::vector<Monitor>> list_monitors() {
@@ -173,6 +311,16 @@ Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, 
   if (place != nullptr) glfwSetInputMode(window, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
   CS_TRY_VOID(projector->prepare());
   return std::unique_ptr<Projector>(std::move(projector));
+}
+
+Result<std::unique_ptr<TextureDisplay>> TextureDisplay::open(const std::vector<DisplayWindow>& windows) {
+  CS_CHECK(!windows.empty(), "at least one window");
+  CS_TRY_VOID(connect());
+  auto display = std::make_unique<GlfwTextureDisplay>();
+  int right = 0;
+  for (const DisplayWindow& window : windows) CS_TRY_VOID(display->add(window, right));
+  display->use_first();
+  return std::unique_ptr<TextureDisplay>(std::move(display));
 }
 
 }  // namespace countershade::capture

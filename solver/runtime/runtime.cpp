@@ -58,6 +58,7 @@ class GlRuntime final : public Runtime {
   static Result<std::unique_ptr<Runtime>> make(const Model& model, const CompensateOptions& options,
                                                Precision precision);
   Result<void> render(std::span<const Picture> pictures) override;
+  void choose(SolverChoice solver) override { options_.solver = solver; }
   unsigned output_texture(int q) const override { return upload_.projectors[q].shown.id(); }
   Result<Compensated> read() override;
   Result<Radiosity> read_receiver_indirect() override;

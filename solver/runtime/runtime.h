@@ -31,6 +31,8 @@ class Runtime {
   virtual ~Runtime() = default;
   // Sends pictures[q] to the GPU (empty = black), runs reduce, gather(s), pixel step. Does not wait. kBadValue: a size.
   virtual Result<void> render(std::span<const Picture> pictures) = 0;
+  // The solver of later frames, in place of the options' one; kCopy shows the pictures as they are.
+  virtual void choose(SolverChoice solver) = 0;
   // Texture (RGBA16) that holds the picture of projector q to show.
   virtual unsigned output_texture(int q) const = 0;
   // Reads the result back (waits).

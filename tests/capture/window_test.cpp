@@ -9,12 +9,13 @@
 #include <cstdlib>
 
 #include "tests/capture/fake_room.h"
+#include "tests/support/xvfb.h"
 
 namespace countershade::capture {
 namespace {
 
-using testing::AllOf;
-using testing::HasSubstr;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 namespace fs = std::filesystem;
 
 constexpr int kWidth = 322, kHeight = 201;  // odd, so that no row is a multiple of anything
@@ -24,61 +25,6 @@ std::string read_line(int file) {
   for (char c = 0; ::read(file, &c, 1) == 1 && c != '\n';) line += c;
   return line;
 }
-
-// A display without a monitor, whose picture is a file (xwd) in a folder.
-class Display {
- public:
-  explicit Display(const fs::path& folder) : file_(folder / "Xvfb_screen0") {
-    fs::create_directories(folder);
-    int ends[2];
-    if (pipe(ends) != 0) return;
-    const std::string screen = fmt::format("{}x{}x24", kWidth, kHeight), number = std::to_string(ends[1]);
-    server_ = fork();
-    if (server_ == 0) {
-      close(ends[0]);
-      const int quiet = open("/dev/null", O_RDWR);
-      dup2(quiet, 1), dup2(quiet, 2);
-      execlp("Xvfb", "Xvfb", "-displayfd", number.c_str(), "-screen", "0", screen.c_str(), "-fbdir", folder.c_str(),
-             "-nolisten", "tcp", static_cast<char*>(nullptr));
-      _exit(127);
-    }
-    close(ends[1]);
-    name_ = read_line(ends[0]);
-    close(ends[0]);
-  }
-  ~Display() {
-    if (server_ <= 0) return;
-    kill(server_, SIGTERM);
-    waitpid(server_, nullptr, 0);
-  }
-  Display(const Display&) = delete;
-  Display& operator=(const Display&) = delete;
-
-  bool running() const { return !name_.empty(); }
-  std::string name() const { return ":" + name_; }
-
-  // (width, height) pixels from the origin, RGB.
-  std::vector<std::uint8_t> pixels(int width, int height) const {
-    const std::string bytes = fake::bytes_of(file_);
-    const auto field = [&](int i) {  // the header is 32-bit numbers, most significant byte first
-      std::uint32_t v = 0;
-      for (int k = 0; k < 4; ++k) v = v << 8 | static_cast<std::uint8_t>(bytes[4 * i + k]);
-      return v;
-    };
-    EXPECT_EQ(field(11), 32u);  // bits per pixel
-    const std::size_t start = field(0) + 12 * field(19), stride = field(12);
-    std::vector<std::uint8_t> rgb;
-    for (int y = 0; y < height; ++y)
-      for (int x = 0; x < width; ++x)
-        for (int c : {2, 1, 0}) rgb.push_back(static_cast<std::uint8_t>(bytes[start + y * stride + 4 * x + c]));
-    return rgb;
-  }
-
- private:
-  fs::path file_;
-  pid_t server_ = -1;
-  std::string name_;
-};
 
 // Runs `work` in a process of its own that is connected to the display; it says lines, and waits for a go after each.
 class Client {
@@ -136,8 +82,8 @@ std::string show(const Result<std::unique_ptr<Projector>>& projector, const Pict
   return shown ? "shown" : shown.error().message;
 }
 
-#define START_DISPLAY(scratch)           \
-  const Display display(scratch / "fb"); \
+#define START_DISPLAY(scratch)                                         \
+  const testing::XvfbDisplay display(scratch / "fb", kWidth, kHeight); \
   if (!display.running()) GTEST_SKIP() << "Xvfb is not installed here"
 
 TEST(WindowProjector, FullScreenShowsEveryBitOnTheNamedMonitor) {

@@ -7,7 +7,7 @@
 #include "solver/runtime/runtime.h"
 #include "tools/bench/study.h"
 #include "tools/bench/truth.h"
-#include "tools/countershade/show.h"
+#include "tools/job/show.h"
 
 namespace countershade::bench {
 

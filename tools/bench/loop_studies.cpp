@@ -8,8 +8,8 @@
 #include "simdata/room/rooms.h"
 #include "tools/bench/study.h"
 #include "tools/bench/truth.h"
-#include "tools/countershade/devices.h"
-#include "tools/countershade/verification.h"
+#include "tools/job/devices.h"
+#include "tools/job/verification.h"
 
 namespace countershade::bench {
 

@@ -11,7 +11,7 @@
 #include "capture/pattern/decode.h"
 #include "capture/session/runner.h"
 #include "tools/bench/study.h"
-#include "tools/countershade/calibration.h"
+#include "tools/job/calibration.h"
 
 namespace countershade::bench {
 

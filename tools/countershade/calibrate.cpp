@@ -2,8 +2,8 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/file/file.h"
-#include "tools/countershade/calibration.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/calibration.h"
 
 namespace countershade::tools {
 

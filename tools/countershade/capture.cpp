@@ -4,8 +4,8 @@
 #include <CLI/CLI.hpp>
 
 #include "calib/file/file.h"
-#include "tools/countershade/devices.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/devices.h"
 
 namespace countershade::tools {
 

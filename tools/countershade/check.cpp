@@ -2,9 +2,9 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
-#include "tools/countershade/devices.h"
-#include "tools/countershade/self_check.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/devices.h"
+#include "tools/job/self_check.h"
 
 namespace countershade::tools {
 

@@ -1,8 +1,8 @@
 #include <CLI/CLI.hpp>
 
-#include "tools/countershade/calibration.h"
-#include "tools/countershade/show.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/calibration.h"
+#include "tools/job/show.h"
 
 namespace countershade::tools {
 

@@ -5,10 +5,10 @@
 #include "calib/file/file.h"
 #include "capture/session/runner.h"
 #include "tools/countershade/console.h"
-#include "tools/countershade/devices.h"
-#include "tools/countershade/self_check.h"
 #include "tools/countershade/verbs.h"
-#include "tools/countershade/verification.h"
+#include "tools/job/devices.h"
+#include "tools/job/self_check.h"
+#include "tools/job/verification.h"
 
 namespace countershade::tools {
 

@@ -50,11 +50,4 @@ void add_play(CLI::App& app, Action& action);
 void add_verify(CLI::App& app, Action& action);
 void add_run(CLI::App& app, Action& action);
 
-// "file.png" or "left=file.png".
-struct NamedPicture {
-  std::string id;  // empty = none given
-  std::filesystem::path file;
-};
-NamedPicture parse_named_picture(const std::string& text);
-
 }  // namespace countershade::tools

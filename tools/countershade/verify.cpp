@@ -4,9 +4,9 @@
 
 #include "calib/file/file.h"
 #include "tools/countershade/console.h"
-#include "tools/countershade/devices.h"
 #include "tools/countershade/verbs.h"
-#include "tools/countershade/verification.h"
+#include "tools/job/devices.h"
+#include "tools/job/verification.h"
 
 namespace countershade::tools {
 

@@ -1,11 +1,11 @@
-#include "tools/countershade/photographs.h"
+#include "tools/job/photographs.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "calib/base/parallel.h"
 #include "capture/pattern/pattern.h"
-#include "tools/countershade/devices.h"
+#include "tools/job/devices.h"
 
 namespace countershade::tools {
 

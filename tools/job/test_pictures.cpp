@@ -1,4 +1,4 @@
-#include "tools/countershade/test_pictures.h"
+#include "tools/job/test_pictures.h"
 
 #include <fmt/ranges.h>
 

@@ -1,14 +1,21 @@
 // Pictures in, pictures to show out: loading, compensating on GL (or on the CPU where there is no GL), writing.
 #pragma once
 
+#include <filesystem>
 #include <string>
 #include <vector>
 
 #include "calib/base/progress.h"
 #include "solver/compensate/compensate.h"
-#include "tools/countershade/verbs.h"
 
 namespace countershade::tools {
+
+// "file.png" or "left=file.png".
+struct NamedPicture {
+  std::string id;  // empty = none given
+  std::filesystem::path file;
+};
+NamedPicture parse_named_picture(const std::string& text);
 
 // Pictures per projector of the model, empty where none is named. Linear EXR (1 = the projector's white) is encoded by
 // the projector's response. Errors: kBadValue for an unknown id, a picture without an id, a size that is not the

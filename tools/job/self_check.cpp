@@ -1,8 +1,8 @@
-#include "tools/countershade/self_check.h"
+#include "tools/job/self_check.h"
 
 #include <algorithm>
 
-#include "tools/countershade/devices.h"
+#include "tools/job/devices.h"
 
 namespace countershade::tools {
 

@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
-#include "tools/countershade/calibration.h"
-#include "tools/countershade/photographs.h"
-#include "tools/countershade/show.h"
+#include "tools/job/calibration.h"
+#include "tools/job/photographs.h"
+#include "tools/job/show.h"
 #include "tools/report/html.h"
 
 namespace countershade::tools {

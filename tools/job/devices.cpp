@@ -1,4 +1,4 @@
-#include "tools/countershade/devices.h"
+#include "tools/job/devices.h"
 
 #include <algorithm>
 #include <cmath>

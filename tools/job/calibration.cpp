@@ -1,4 +1,4 @@
-#include "tools/countershade/calibration.h"
+#include "tools/job/calibration.h"
 
 #include <algorithm>
 #include <cmath>

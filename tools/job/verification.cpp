@@ -1,4 +1,4 @@
-#include "tools/countershade/verification.h"
+#include "tools/job/verification.h"
 
 #include <algorithm>
 #include <cmath>

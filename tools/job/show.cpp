@@ -1,4 +1,4 @@
-#include "tools/countershade/show.h"
+#include "tools/job/show.h"
 
 #include <chrono>
 
@@ -6,7 +6,7 @@
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
 #include "solver/runtime/runtime.h"
-#include "tools/countershade/test_pictures.h"
+#include "tools/job/test_pictures.h"
 
 namespace countershade::tools {
 
@@ -37,6 +37,12 @@ Result<Show> show_on_gl(const solver::Model& model, std::span<const Picture> pic
 }
 
 }  // namespace
+
+NamedPicture parse_named_picture(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos) return {"", text};
+  return {text.substr(0, equals), text.substr(equals + 1)};
+}
 
 Result<std::vector<Picture>> load_pictures(const solver::Model& model, const std::vector<std::string>& named) {
   std::vector<Picture> pictures(model.projectors.size());
