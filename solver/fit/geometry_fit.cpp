@@ -15,9 +15,38 @@ using parts::Bundle;
 using parts::Matches;
 using parts::Problem;
 
+// A projector may only brush a plane, and be decoded on little of what it lights there, where the light of the others
+// is stronger. Such a plane counts from this share of the projector's matches, if another projector lights it in full.
+constexpr double kBrushedShare = 0.003;
+
+// Takes out planes below `least` that no projector sees with more, and numbers the rest anew.
+void drop_unconfirmed(const std::vector<std::vector<double>>& supports, double least, Problem& problem) {
+  std::vector<double> largest(problem.planes);
+  for (std::size_t q = 0; q < supports.size(); ++q)
+    for (std::size_t own = 0; own < supports[q].size(); ++own)
+      largest[problem.labels[q][own]] = std::max(largest[problem.labels[q][own]], supports[q][own]);
+  std::vector<int> renumbered(problem.planes, -1);
+  int count = 0;
+  for (int p = 0; p < problem.planes; ++p)
+    if (largest[p] >= least) renumbered[p] = count++;
+  problem.planes = count;
+  for (std::size_t q = 0; q < supports.size(); ++q) {
+    for (parts::Match& m : problem.matches[q])
+      if (m.plane >= 0) m.plane = renumbered[m.plane];
+    std::vector<Eigen::Matrix3d> maps;
+    std::vector<int> labels;
+    for (std::size_t own = 0; own < supports[q].size(); ++own)
+      if (const int label = renumbered[problem.labels[q][own]]; label >= 0)
+        maps.push_back(problem.maps[q][own]), labels.push_back(label);
+    problem.maps[q] = std::move(maps);
+    problem.labels[q] = std::move(labels);
+  }
+}
+
 Result<Problem> segment(const Device& camera, const std::vector<ProjectorObservation>& observations,
                         const GeometryOptions& options) {
   Problem problem;
+  std::vector<std::vector<double>> supports;  // per projector and own plane: share of its matches
   for (std::size_t q = 0; q < observations.size(); ++q) {
     problem.specs.push_back(observations[q].spec);
     Matches matches = parts::draw_matches(camera, observations[q], 4 * options.max_points, options.seed + q);
@@ -28,8 +57,9 @@ Result<Problem> segment(const Device& camera, const std::vector<ProjectorObserva
           "look at the reasons picture of its correspondences, and check exposure and focus",
           observations[q].spec.id, matches.size());
     const int most = options.planes > 0 ? options.planes : 6;
-    const auto maps = parts::segment_planes(matches, most, options.min_plane_share, options.seed + 77 * q);
-    if (maps.empty())
+    const auto maps =
+        parts::segment_planes(matches, most, std::min(kBrushedShare, options.min_plane_share), options.seed + 77 * q);
+    if (maps.empty() || maps[0].support < options.min_plane_share * matches.size())
       return error(
           ErrorCode::kRefused,
           "projector '{}': no plane explains {:.0f} % of its pixels; is the screen made of planes ([screen] kind)?",
@@ -37,12 +67,15 @@ Result<Problem> segment(const Device& camera, const std::vector<ProjectorObserva
     problem.maps.emplace_back();
     problem.labels.emplace_back(maps.size());
     for (const auto& map : maps) problem.maps.back().push_back(map.H);
+    supports.emplace_back();
+    for (const auto& map : maps) supports.back().push_back(static_cast<double>(map.support) / matches.size());
     problem.matches.push_back(std::move(matches));
   }
   problem.planes = parts::merge_planes(problem.matches, observations[0].x->width(), 8, problem.labels);
   for (std::size_t q = 0; q < problem.matches.size(); ++q)
     for (parts::Match& m : problem.matches[q])
       if (m.plane >= 0) m.plane = problem.labels[q][m.plane];
+  drop_unconfirmed(supports, options.min_plane_share, problem);
   return problem;
 }
 

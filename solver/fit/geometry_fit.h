@@ -42,7 +42,7 @@ struct GeometryFit {
 };
 
 struct GeometryOptions {
-  int planes = 0;  // 0 = found (each must explain >= min_plane_share of the decoded pixels)
+  int planes = 0;  // 0 = found (each must explain >= min_plane_share of some projector's decoded pixels)
   double min_plane_share = 0.03;
   int max_points = 6000;  // correspondences in the bundle adjustment
   unsigned seed = 1;

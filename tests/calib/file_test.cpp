@@ -2,7 +2,6 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <sys/mount.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -12,6 +11,7 @@
 
 #include "calib/image/image_file.h"
 #include "tests/support/cli.h"
+#include "tests/support/small_disk.h"
 
 namespace countershade {
 namespace {
@@ -19,32 +19,12 @@ namespace {
 namespace fs = std::filesystem;
 using ::testing::AllOf;
 using ::testing::HasSubstr;
+using testing::SmallDisk;
 using testing::TemporaryFolder;
 
 std::size_t entries(const fs::path& folder) {
   return std::distance(fs::directory_iterator(folder), fs::directory_iterator());
 }
-
-// A file system of 64 KiB over a folder; ready() is false where this process may not mount.
-class SmallDisk {
- public:
-  explicit SmallDisk(const fs::path& folder) : folder_(folder) {
-    fs::create_directories(folder);
-    ready_ = ::mount("none", folder_.c_str(), "tmpfs", 0, "size=64k") == 0;
-    if (!ready_) why_ = std::strerror(errno);
-  }
-  ~SmallDisk() {
-    if (ready_) ::umount(folder_.c_str());
-  }
-  bool ready() const { return ready_; }
-  const std::string& why() const { return why_; }
-  bool make_read_only() { return ::mount("none", folder_.c_str(), "tmpfs", MS_REMOUNT | MS_RDONLY, "size=64k") == 0; }
-
- private:
-  fs::path folder_;
-  bool ready_ = false;
-  std::string why_;
-};
 
 TEST(WriteAtomically, ReplacesAFileAndLeavesNothingElse) {
   TemporaryFolder folder;

@@ -5,16 +5,19 @@
 #include <chrono>
 #include <cstdio>
 #include <fstream>
+#include <functional>
 #include <map>
 #include <sstream>
 #include <thread>
 
 #include "calib/file/file.h"
 #include "calib/file/rig.h"
+#include "calib/file/session.h"
 #include "calib/geometry/lens.h"
 #include "calib/image/image_file.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/small_disk.h"
 #include "tests/support/xvfb.h"
 
 namespace countershade {
@@ -173,6 +176,79 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"NoCalibration", kRig, "compensate @/nowhere --picture p=a.png -o @/out", "nowhere"},
         BadInput{"OutputExists", kRig, "patterns @/rig.toml -o @", "exists"}),
     [](const auto& info) { return std::string(info.param.name); });
+
+// One way to spoil a session, and what calibrate says about it.
+struct SpoiltSession {
+  const char* name;
+  std::function<void(const fs::path& photos)> spoil;
+  std::vector<const char*> expected;
+};
+
+TEST(Cli, SessionsThatCannotBeUsedAreNamedAndNothingIsWritten) {
+  const TemporaryFolder folder;
+  simdata::RigAndRoom room = small_room();
+  room.simulation.samples = 64;  // a draft: only what is said about bad photos counts
+  write_rig(folder.path(), room);
+  const std::string session = (folder / "session").string();
+  ASSERT_EQ(run_countershade("simulate " + (folder / "rig.toml").string() + " -o " + session).exit_code, 0);
+  const Sequence sequence = read_sequence(folder / "session/sequence.json").value();
+  const auto photo = [](const fs::path& photos, int index) {
+    for (const auto& entry : fs::recursive_directory_iterator(photos))
+      if (entry.path().stem() == fmt::format("{:04}", index)) return entry.path();
+    ADD_FAILURE() << "no photo " << index;
+    return photos;
+  };
+  const std::vector<SpoiltSession> cases = {
+      {"missing photo", [&](const fs::path& p) { fs::remove(photo(p, 12)); }, {"0012", "1 of "}},
+      {"truncated photo",
+       [&](const fs::path& p) { fs::resize_file(photo(p, 12), fs::file_size(photo(p, 12)) / 2); },
+       {"0012.", "truncated"}},
+      {"another size",
+       [&](const fs::path& p) { write_picture(photo(p, 12), Picture(320, 200, 3), 16).value(); },
+       {"0012.", "320"}},
+      {"projector that is not visible",
+       [&](const fs::path& p) {  // all its frames look like black
+         int black = -1;
+         for (const Frame& f : sequence.frames)
+           if (f.role.kind == "black") black = f.index;
+         for (const Frame& f : sequence.frames)
+           if (f.role.projector == "right")
+             fs::copy_file(photo(p, black), photo(p, f.index), fs::copy_options::overwrite_existing);
+       },
+       {"projector 'right'"}},
+      {"all black",
+       [&](const fs::path& p) {
+         for (const Frame& f : sequence.frames)
+           if (f.index != sequence.frames.back().index)
+             fs::copy_file(photo(p, sequence.frames.back().index), photo(p, f.index),
+                           fs::copy_options::overwrite_existing);
+       },
+       {"projector 'left'"}}};
+  for (const SpoiltSession& c : cases) {
+    const fs::path spoilt = folder / "spoilt";
+    fs::remove_all(spoilt);
+    fs::copy(session, spoilt, fs::copy_options::recursive);
+    c.spoil(spoilt / "photos");
+    const auto result = run_countershade("calibrate " + spoilt.string() + " -o " + (folder / "out").string());
+    EXPECT_EQ(result.exit_code, 1) << c.name << result.out;
+    for (const char* expected : c.expected)
+      EXPECT_NE(result.err.find(expected), std::string::npos)
+          << c.name << ": " << result.err.substr(result.err.find("countershade:"));
+    EXPECT_FALSE(fs::exists(folder / "out")) << c.name;
+  }
+  SCOPED_TRACE("disks");
+  testing::SmallDisk disk(folder / "disk");
+  if (!disk.ready()) GTEST_SKIP() << "a full disk cannot be tried here: mounting a tmpfs failed: " << disk.why();
+  const std::string onto_disk = "calibrate " + session + " -o " + (folder / "disk/out").string();
+  const auto full = run_countershade(onto_disk);
+  EXPECT_EQ(full.exit_code, 1) << full.out;
+  EXPECT_TRUE(full.err.find("disk") != std::string::npos && full.err.find("space") != std::string::npos) << full.err;
+  EXPECT_TRUE(fs::is_empty(folder / "disk"));
+  ASSERT_TRUE(disk.make_read_only());
+  const auto read_only = run_countershade(onto_disk);
+  EXPECT_EQ(read_only.exit_code, 1) << read_only.out;
+  EXPECT_NE(read_only.err.find("can be written"), std::string::npos) << read_only.err;
+}
 
 TEST(Cli, EveryVerbHasHelp) {
   for (const char* verb : {"new", "devices", "check", "patterns", "capture", "import", "simulate", "calibrate",

@@ -122,7 +122,15 @@ Result<Study> two_wall_loop(const StudyContext& context) {
   double least = HUGE_VAL, held_out = 0, edge = 0, worse = 0, planted = 0, uncovered = 0;
   for (int seed = 0; seed < 5; ++seed) {
     const simdata::RigAndRoom room = simdata::random_two_wall(hash_name("two-wall-loop") + seed);
-    CS_TRY(const Measured m, measure_room(room, context.output / "two-wall-loop", *context.progress));
+    const Result<Measured> made = measure_room(room, context.output / "two-wall-loop", *context.progress);
+    if (!made) {
+      study.rows.push_back({fmt::format("{}", seed), fmt::format("{:.1f}", room.simulation.angle_deg), "refused"});
+      study.rows.back().resize(study.columns.size(), "-");
+      study.notes.push_back(fmt::format("seed {} is refused: {}", seed, made.error().message));
+      least = 0;
+      continue;
+    }
+    const Measured& m = *made;
     CS_TRY(const Outcome good, try_model(m, m.calibration.model, "photo", *context.progress));
     CS_TRY(const Outcome bad, try_model(m, with_scaled_gain(m.calibration.model, 1.2f), "photo", *context.progress));
     const tools::VerifyNumbers& n = good.numbers;
