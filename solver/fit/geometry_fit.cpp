@@ -71,7 +71,8 @@ Result<Problem> segment(const Device& camera, const std::vector<ProjectorObserva
     for (const auto& map : maps) supports.back().push_back(static_cast<double>(map.support) / matches.size());
     problem.matches.push_back(std::move(matches));
   }
-  problem.planes = parts::merge_planes(problem.matches, observations[0].x->width(), 8, problem.labels);
+  problem.planes = parts::merge_planes(problem.matches, observations[0].x->width(),
+                                       std::max(1, observations[0].x->width() / 240), problem.labels);
   for (std::size_t q = 0; q < problem.matches.size(); ++q)
     for (parts::Match& m : problem.matches[q])
       if (m.plane >= 0) m.plane = problem.labels[q][m.plane];

@@ -149,14 +149,23 @@ int merge_planes(const std::vector<Matches>& matches, int camera_width, double r
         for (const auto& [a, na] : mine)
           for (const auto& [b, nb] : theirs->second) votes[{a, b}] += std::min(na, nb);
       }
-      for (std::size_t a = 0; a < labels[q].size(); ++a) {  // each label of q joins its best partner of r, if mutual
-        int best = -1, most = 3;                            // three cells in common are chance, more are a wall
-        for (const auto& [pair, n] : votes)
-          if (pair.first == static_cast<int>(a) && n > most) most = n, best = pair.second;
-        bool mutual = best >= 0;
-        for (const auto& [pair, n] : votes)
-          if (best >= 0 && pair.second == best && n > most) mutual = false;
-        if (mutual) parent[find(node(q, static_cast<int>(a)))] = find(node(r, best));
+      // Planes of two projectors are one where their pixels coincide, as a share of the smaller's: at a crease cells of
+      // different planes coincide too, and a large plane has many of those. Each joins its best partner, if mutual.
+      std::vector<std::size_t> size_a(labels[q].size()), size_b(labels[r].size());
+      for (const Match& m : matches[q])
+        if (m.plane >= 0) ++size_a[m.plane];
+      for (const Match& m : matches[r])
+        if (m.plane >= 0) ++size_b[m.plane];
+      std::map<std::pair<int, int>, double> share;
+      for (const auto& [pair, n] : votes)
+        if (n > 3)  // three in common are chance, more are a wall
+          share[pair] = static_cast<double>(n) / std::min(size_a[pair.first], size_b[pair.second]);
+      for (const auto& [pair, mine] : share) {
+        bool best = true;
+        for (const auto& [other, theirs] : share)
+          if (other != pair && (other.first == pair.first || other.second == pair.second) && theirs >= mine)
+            best = false;
+        if (best) parent[find(node(q, pair.first))] = find(node(r, pair.second));
       }
     }
   }
