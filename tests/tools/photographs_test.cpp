@@ -1,0 +1,72 @@
+// The measured target against the simulator's own direct light.
+#include "tools/job/photographs.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "simdata/render/simulator.h"
+#include "simdata/room/rooms.h"
+#include "tools/job/test_pictures.h"
+
+namespace countershade::tools {
+namespace {
+
+// The documentation's room with a third of its pixels.
+simdata::RigAndRoom room() {
+  simdata::RigAndRoom made = simdata::default_two_wall();
+  SimulatedCamera& camera = made.simulation.cameras[0];
+  camera.focal_px /= 3;
+  for (int i = 0; i < 2; ++i) camera.resolution[i] /= 3, camera.principal[i] = (camera.principal[i] + 0.5) / 3 - 0.5;
+  for (ProjectorSpec& p : made.rig.projectors) p.resolution = {480, 300};
+  made.simulation.samples = 256;
+  return made;
+}
+
+double mean_distance(const Image& a, const Image& b, const Mask& mask) {
+  double sum = 0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < mask.data().size(); ++i)
+    for (int c = 0; mask.data()[i] && c < 3; ++c, ++count) sum += std::abs(a.data()[3 * i + c] - b.data()[3 * i + c]);
+  return sum / count;
+}
+
+TEST(Photograph, MeasuresTheDirectLightWithoutAModel) {
+  const simdata::RigAndRoom made = room();
+  SilentProgress progress;
+  const auto simulator = simdata::Simulator::make(made.rig, made.simulation, progress).value();
+  const capture::Devices devices = simdata::simulated_devices(simulator);
+  const simdata::TrueGeometry truth = simulator->geometry(0);
+  solver::PixelGeometry pixels;
+  pixels.width = truth.depth.width(), pixels.height = truth.depth.height();
+  Mask lit(pixels.width, pixels.height, 1);
+  for (int q = 0; q < 2; ++q) {
+    pixels.beam.emplace_back(lit.data().size());
+    for (std::size_t i = 0; i < lit.data().size(); ++i) {
+      pixels.beam[q][i] = {truth.projector_x[q].data()[i], truth.projector_y[q].data()[i]};
+      lit.data()[i] |= !std::isnan(pixels.beam[q][i].x());
+    }
+  }
+  std::vector<Picture> plain;
+  for (int q = 0; q < 2; ++q) plain.push_back(test_picture("photo", q, 480, 300).value());
+  const auto photos = photograph(devices, made.rig.cameras[0], pixels, plain, plain, 4, progress);
+  ASSERT_TRUE(photos) << photos.error().message;
+  const simdata::TrueLight light = simulator->light(0, plain);
+  const Image direct = simulator->optics(0, light.direct);
+  const double veil = mean_distance(photos->uncompensated, direct, lit),
+               left = mean_distance(photos->target, direct, lit);
+  // 12-pixel stripes are coarser here than on a full-size projector, and every pixel carries the noise of nine photos
+  // of four exposures each: half a percent of white. The veil is ten times that.
+  EXPECT_GT(veil, 0.015);
+  EXPECT_LT(left, 0.12 * veil);
+  // Without bias: over blocks of 8 x 8 pixels the noise is gone, and with it most of the distance.
+  double bias = 0;
+  std::size_t count = 0;
+  for (std::size_t i = 0; i < lit.data().size(); ++i)
+    for (int c = 0; lit.data()[i] && c < 3; ++c, ++count)
+      bias += photos->target.data()[3 * i + c] - direct.data()[3 * i + c];
+  EXPECT_LT(std::abs(bias / count), 0.02 * veil);
+}
+
+}  // namespace
+}  // namespace countershade::tools
