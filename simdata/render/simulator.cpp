@@ -124,6 +124,7 @@ Image Simulator::optics(int camera, const Image& light) const {
 }
 
 capture::Exposure Simulator::expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const {
+  CS_CHECK(exposure_ms > 0, "an exposure takes time");
   const CameraSpec& spec = state_->cameras.at(camera);
   const std::uint64_t key = mix(mix(state_->simulation.seed) ^ hash_name(spec.id)) ^ mix(draw);
   return simdata::expose(light, state_->views[camera]->spec(), spec, exposure_ms, key);

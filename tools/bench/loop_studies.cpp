@@ -51,9 +51,10 @@ Result<Measured> measure_room(simdata::RigAndRoom room, const fs::path& folder, 
 
 // Mean of exposures of a light that was never shown through a projector: a perfect show.
 Image perfect_photo(const simdata::Simulator& simulator, const Image& light, const CameraSpec& spec) {
+  const double exposure_ms = simulator.simulation().cameras[0].reference_exposure_ms;
   Image sum(light.width(), light.height(), light.channels());
   for (int i = 0; i < kExposures; ++i) {
-    const Photo photo = tools::photo_of(simulator.expose(0, light, 0, 0x9e00 + i), spec);
+    const Photo photo = tools::photo_of(simulator.expose(0, light, exposure_ms, 0x9e00 + i), spec);
     for (std::size_t k = 0; k < sum.data().size(); ++k) sum.data()[k] += photo.value.data()[k] / kExposures;
   }
   return sum;
