@@ -15,8 +15,8 @@
 #include "calib/file/session.h"
 #include "calib/geometry/lens.h"
 #include "calib/image/image_file.h"
-#include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/rooms.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/xvfb.h"
 
@@ -27,15 +27,8 @@ namespace fs = std::filesystem;
 using testing::run_countershade;
 using testing::TemporaryFolder;
 
-// The documentation's room with devices of a third of the resolution: seconds instead of minutes.
 simdata::RigAndRoom small_room() {
-  simdata::RigAndRoom room = simdata::default_two_wall();
-  SimulatedCamera& camera = room.simulation.cameras[0];
-  camera.focal_px /= 3;
-  for (int i = 0; i < 2; ++i) camera.resolution[i] /= 3, camera.principal[i] = (camera.principal[i] + 0.5) / 3 - 0.5;
-  for (ProjectorSpec& p : room.rig.projectors) p.resolution = {480, 300};
-  room.simulation.samples = 1024;
-  return room;
+  return testing::small_two_wall(3, {480, 300}, 1024);
 }
 
 void write_rig(const fs::path& folder, const simdata::RigAndRoom& room) {

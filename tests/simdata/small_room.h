@@ -2,18 +2,12 @@
 #pragma once
 
 #include "simdata/render/simulator.h"
-#include "simdata/room/rooms.h"
+#include "tests/support/rooms.h"
 
 namespace countershade::test {
 
 inline simdata::RigAndRoom small_room() {
-  simdata::RigAndRoom made = simdata::default_two_wall();
-  SimulatedCamera& c = made.simulation.cameras[0];
-  c.resolution = {240, 150};
-  c.focal_px /= 8;
-  for (double& p : c.principal) p = (p + .5) / 8 - .5;
-  for (ProjectorSpec& p : made.rig.projectors) p.resolution = {160, 100};
-  made.simulation.samples = 256;
+  simdata::RigAndRoom made = testing::small_two_wall(8, {160, 100}, 256);
   made.simulation.block_px = 4;
   return made;
 }

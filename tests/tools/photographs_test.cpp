@@ -6,22 +6,11 @@
 #include <cmath>
 
 #include "simdata/render/simulator.h"
-#include "simdata/room/rooms.h"
+#include "tests/support/rooms.h"
 #include "tools/job/test_pictures.h"
 
 namespace countershade::tools {
 namespace {
-
-// The documentation's room with a third of its pixels.
-simdata::RigAndRoom room() {
-  simdata::RigAndRoom made = simdata::default_two_wall();
-  SimulatedCamera& camera = made.simulation.cameras[0];
-  camera.focal_px /= 3;
-  for (int i = 0; i < 2; ++i) camera.resolution[i] /= 3, camera.principal[i] = (camera.principal[i] + 0.5) / 3 - 0.5;
-  for (ProjectorSpec& p : made.rig.projectors) p.resolution = {480, 300};
-  made.simulation.samples = 256;
-  return made;
-}
 
 double mean_distance(const Image& a, const Image& b, const Mask& mask) {
   double sum = 0;
@@ -32,7 +21,7 @@ double mean_distance(const Image& a, const Image& b, const Mask& mask) {
 }
 
 TEST(Photograph, MeasuresTheDirectLightWithoutAModel) {
-  const simdata::RigAndRoom made = room();
+  const simdata::RigAndRoom made = testing::small_two_wall(3, {480, 300}, 256);
   SilentProgress progress;
   const auto simulator = simdata::Simulator::make(made.rig, made.simulation, progress).value();
   const capture::Devices devices = simdata::simulated_devices(simulator);
