@@ -243,6 +243,18 @@ TEST(Cli, SessionsThatCannotBeUsedAreNamedAndNothingIsWritten) {
   EXPECT_NE(read_only.err.find("can be written"), std::string::npos) << read_only.err;
 }
 
+TEST(Cli, CheckMeasuresTheLatencyAndCopesWithIt) {
+  for (int latency : {0, 2}) {
+    const TemporaryFolder folder;
+    simdata::RigAndRoom room = testing::small_two_wall(8, {160, 100}, 64);
+    room.simulation.projectors[1].latency_frames = latency;
+    write_rig(folder.path(), room);
+    const auto result = run_countershade("check " + (folder / "rig.toml").string());
+    EXPECT_EQ(result.exit_code, 0) << result.out << result.err;
+    EXPECT_NE(result.out.find(fmt::format("{} photos before", latency)), std::string::npos) << result.out;
+  }
+}
+
 TEST(Cli, EveryVerbHasHelp) {
   for (const char* verb : {"new", "devices", "check", "patterns", "capture", "import", "simulate", "calibrate",
                            "compensate", "play", "verify", "run"}) {

@@ -57,8 +57,8 @@ Result<Answer> run_devices() {
 }  // namespace
 
 void add_check(CLI::App& app, Action& action) {
-  auto* verb =
-      app.add_subcommand("check", "self-test before capture: display, stale frames, exposure, saturation, contrast");
+  auto* verb = app.add_subcommand(
+      "check", "self-test before capture: display, latency, stale frames, exposure, saturation, ambient light");
   auto options = std::make_shared<Options>();
   verb->add_option("rig", options->rig, "rig.toml")->required();
   verb->callback([options, &action] { action = [options](const Context& c) { return run_check(*options, c); }; });
