@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/devices.h"
 #include "tools/job/self_check.h"
@@ -37,17 +38,21 @@ Result<Answer> run_check(const Options& options, const Context& context) {
 
 Result<Answer> run_devices() {
   struct Row {
-    const char *name, *state, *remedy;
+    std::string name, state, remedy;
   };
-  static constexpr Row kRows[] = {
+  std::vector<Row> rows = {
       {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
       {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
-      {"window (GLFW)", "ready", "countershade play"},
       {"aravis, v4l2, libcamera", "not in this version", "photograph by hand: countershade patterns and import"},
   };
+  const auto monitors = capture::list_monitors();
+  if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
+  for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())
+    rows.push_back({"display " + m.name, fmt::format("{} x {}, {:.0f} Hz", m.width, m.height, m.refresh_hz),
+                    fmt::format("monitor = \"{}\" for a projector of the rig", m.name)});
   std::string text;
   nlohmann::json document = nlohmann::json::array();
-  for (const Row& row : kRows) {
+  for (const Row& row : rows) {
     text += fmt::format("{:<32} {:<20} {}\n", row.name, row.state, row.remedy);
     document.push_back({{"backend", row.name}, {"state", row.state}, {"remedy", row.remedy}});
   }
