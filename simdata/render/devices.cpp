@@ -24,6 +24,7 @@ struct Shown {
 // The room as all devices share it.
 struct Stage {
   std::shared_ptr<const Simulator> simulator;
+  Faults faults;
   std::mutex mutex;
   struct Screening {
     Shown former, newest;
@@ -85,16 +86,21 @@ class SimulatedCameraDevice final : public capture::Camera {
   Result<capture::Exposure> trigger() override {
     CS_CHECK(exposure_ms_ > 0, "camera '" + id_ + "' is triggered before it is armed");
     const std::lock_guard lock(stage_->mutex);
+    const Faults& faults = stage_->faults;
+    const std::uint64_t photo = taken_++;
+    counter_ += faults.dropped(photo);
     std::vector<const Shown*> seen;
-    std::uint64_t state = 0;
+    std::uint64_t state = faults.acting(photo);
     for (Stage::Screening& p : stage_->projectors) {
-      seen.push_back(p.photos[index_]++ < p.latency ? &p.former : &p.newest);
+      const bool late = p.photos[index_]++ < p.latency || faults.stale(photo);
+      seen.push_back(late ? &p.former : &p.newest);
       state = mix(state ^ seen.back()->hash);
     }
     Stage::Cache& cache = stage_->caches[index_];
-    if (cache.light.empty() || cache.state != state) cache = {state, look(seen)};
+    if (cache.light.empty() || cache.state != state) cache = {state, look(seen, photo)};
     const std::uint64_t draw = mix(state) ^ mix(stage_->photos_since_show[index_]++);
-    capture::Exposure exposure = stage_->simulator->expose(index_, cache.light, exposure_ms_, draw);
+    capture::Exposure exposure = faults.empty() ? stage_->simulator->expose(index_, cache.light, exposure_ms_, draw)
+                                                : faulty(cache.light, photo, draw);
     exposure.counter = counter_++;
     clock_s_ += exposure_ms_ * 1e-3 + 0.02;  // a device clock that runs on photos alone
     exposure.timestamp_s = clock_s_;
@@ -102,9 +108,22 @@ class SimulatedCameraDevice final : public capture::Camera {
   }
 
  private:
-  Image look(const std::vector<const Shown*>& seen) const {
+  // An exposure that says it is what was asked for, whatever the faults make of it.
+  capture::Exposure faulty(Image light, std::uint64_t photo, std::uint64_t draw) {
+    const Faults& faults = stage_->faults;
+    if (faults.duplicated(photo) && !former_.values.empty()) return former_;
+    faults.light(light, photo);
+    const double real_ms = exposure_ms_ * faults.exposure_factor(light, photo);
+    capture::Exposure exposure = stage_->simulator->expose(index_, light, real_ms, draw);
+    exposure.exposure_ms = exposure_ms_;
+    faults.arrived(exposure, photo);
+    return former_ = exposure;
+  }
+
+  Image look(const std::vector<const Shown*>& seen, std::uint64_t photo) const {
     std::vector<Picture> pictures;
     for (const Shown* s : seen) pictures.push_back(s->picture);
+    pictures = stage_->faults.emitted(std::move(pictures), photo);
     TrueLight light = stage_->simulator->light(index_, pictures);
     for (std::size_t i = 0; i < light.direct.data().size(); ++i) light.direct.data()[i] += light.indirect.data()[i];
     return stage_->simulator->optics(index_, light.direct);
@@ -114,14 +133,16 @@ class SimulatedCameraDevice final : public capture::Camera {
   int index_;
   std::string id_;
   double reference_ms_, exposure_ms_ = 0, clock_s_ = 0;
-  std::uint64_t counter_ = 0;
+  std::uint64_t counter_ = 0, taken_ = 0;
+  capture::Exposure former_;
 };
 
 }  // namespace
 
-capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator) {
+capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, std::vector<Fault> faults) {
   auto stage = std::make_shared<Stage>();
   stage->simulator = simulator;
+  stage->faults = Faults(std::move(faults), simulator->simulation().seed);
   const Rig& rig = simulator->rig();
   const Simulation& simulation = simulator->simulation();
   stage->photos_since_show.assign(rig.cameras.size(), 0);

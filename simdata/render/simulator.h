@@ -11,6 +11,7 @@
 #include "calib/geometry/lens.h"
 #include "calib/geometry/screen.h"
 #include "capture/device/device.h"
+#include "simdata/render/faults.h"
 
 namespace countershade::simdata {
 
@@ -64,7 +65,8 @@ class Simulator {
 // Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency: a camera's
 // first latency_frames photos after show() see that projector's former picture. The noise of a photo depends on the
 // seed, the camera, the pictures shown and the number of photos since the last show(), so a session that was
-// interrupted and resumed between frames has the same bytes as one that was not.
-capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator);
+// interrupted and resumed between frames has the same bytes as one that was not; faults, which act on photos by number,
+// begin anew.
+capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, std::vector<Fault> faults = {});
 
 }  // namespace countershade::simdata

@@ -15,6 +15,7 @@ namespace fs = std::filesystem;
 
 struct Options {
   fs::path rig, out, photos, sequence;
+  std::string faults;
 };
 
 Answer session_answer(const fs::path& session, std::size_t frames) {
@@ -23,11 +24,34 @@ Answer session_answer(const fs::path& session, std::size_t frames) {
           fmt::format("{{\"session\": \"{}\", \"frames\": {}}}\n", session.string(), frames)};
 }
 
+Answer list_faults() {
+  std::string text = fmt::format("{:<18}{:<20}{:>8}  {:<14}{:>6}  {}\n", "fault", "unit", "default", "range", "photo",
+                                 "what it imitates");
+  std::string rows;
+  for (const simdata::FaultKind& k : simdata::fault_kinds()) {
+    text += fmt::format("{:<18}{:<20}{:>8}  {:<14}{:>6}  {}\n", k.name, k.unit, k.value,
+                        fmt::format("{} to {}", k.low, k.high), k.photo, k.what);
+    rows += fmt::format(
+        "{}{{\"name\": \"{}\", \"unit\": \"{}\", \"default\": {}, \"low\": {}, \"high\": {}, \"photo\": {}, "
+        "\"what\": \"{}\"}}",
+        rows.empty() ? "" : ", ", k.name, k.unit, k.value, k.low, k.high, k.photo, k.what);
+  }
+  return {text + "--faults name=value@photo,... : several at once; photo = the first one that it acts on\n",
+          "[" + rows + "]\n"};
+}
+
 Result<Answer> run_capture(const Options& options, bool simulate, const Context& context) {
+  if (options.faults == "list") return list_faults();
+  std::vector<simdata::Fault> faults;
+  if (!options.faults.empty()) {
+    CS_TRY(faults, simdata::parse_faults(options.faults));
+  }
+  if (options.rig.empty())
+    return error(ErrorCode::kBadValue, "which rig? countershade simulate RIG.toml (countershade new writes one)");
   CS_TRY(Rig rig, read_rig(options.rig));
   if (simulate)
     for (CameraSpec& camera : rig.cameras) camera.backend = "simulated";
-  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress));
+  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress, std::move(faults)));
   const Sequence sequence = capture::default_sequence(rig);
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
   CS_TRY_VOID(capture::capture_session(rig, simulation, sequence, open.devices, options.out, {}, *context.progress));
@@ -81,6 +105,8 @@ void add_simulate(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   auto* verb = add_verb(app, "simulate", "capture the same rig made of light that never was ([simulation] of rig.toml)",
                         *options, "session");
+  verb->get_option("rig")->required(false);  // not for `--faults list`
+  verb->add_option("--faults", options->faults, "what goes wrong: name=value@photo,...; `list` shows them all");
   verb->callback(
       [options, &action] { action = [options](const Context& c) { return run_capture(*options, true, c); }; });
 }

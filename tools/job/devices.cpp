@@ -7,7 +7,8 @@
 
 namespace countershade::tools {
 
-Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress) {
+Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
+                                 std::vector<simdata::Fault> faults) {
   for (const CameraSpec& camera : rig.cameras)
     if (camera.backend != "simulated")
       return error(ErrorCode::kDevice,
@@ -17,7 +18,7 @@ Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& si
   CS_TRY(const Simulation simulation, read_simulation(simulation_file));
   CS_TRY(std::shared_ptr<simdata::Simulator> simulator, simdata::Simulator::make(rig, simulation, progress));
   OpenDevices open;
-  open.devices = simdata::simulated_devices(simulator);
+  open.devices = simdata::simulated_devices(simulator, std::move(faults));
   open.simulator = std::move(simulator);
   return open;
 }

@@ -18,7 +18,8 @@ struct OpenDevices {
 
 // `simulation_file` is a rig.toml or simulation.toml; it is read only if a device of the rig is simulated.
 // Errors: kDevice, kBadValue (no [simulation] for a simulated device).
-Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress);
+Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
+                                 std::vector<simdata::Fault> faults = {});
 
 // An exposure as linear light: pedestal subtracted, response undone, 1 = full scale.
 Photo photo_of(const capture::Exposure& exposure, const CameraSpec& camera);
