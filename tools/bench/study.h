@@ -34,5 +34,6 @@ Result<Study> closed_form(const StudyContext& context);
 Result<Study> form_factors(const StudyContext& context);
 Result<Study> first_speed(const StudyContext& context);
 Result<Study> real_board(const StudyContext& context);
+Result<Study> sim_faults(const StudyContext& context);
 
 }  // namespace countershade::bench
