@@ -14,7 +14,7 @@ namespace {
 const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"form-factors", form_factors}, {"closed-form", closed_form},     {"first-speed", first_speed},
     {"real-board", real_board},     {"two-wall-loop", two_wall_loop}, {"verify-honest", verify_honest},
-    {"sim-faults", sim_faults},
+    {"sim-faults", sim_faults},     {"sim-speed", sim_speed},
 };
 
 std::string csv_of(const Study& study) {

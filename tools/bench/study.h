@@ -35,5 +35,6 @@ Result<Study> form_factors(const StudyContext& context);
 Result<Study> first_speed(const StudyContext& context);
 Result<Study> real_board(const StudyContext& context);
 Result<Study> sim_faults(const StudyContext& context);
+Result<Study> sim_speed(const StudyContext& context);
 
 }  // namespace countershade::bench
