@@ -24,28 +24,6 @@ std::vector<float> blur_kernel(double sigma_px) {
   return kernel;
 }
 
-std::vector<Eigen::Array4f> blurred(const std::vector<Eigen::Array4f>& image, int width, int height, double sigma_px) {
-  const int radius = blur_radius(sigma_px);
-  if (radius == 0) return image;
-  const std::vector<float> kernel = blur_kernel(sigma_px);
-  std::vector<Eigen::Array4f> out(image.size());
-  parallel_for(height, [&](int y) {
-    std::vector<Eigen::Array4f> column(width + 2 * radius, Eigen::Array4f::Zero());
-    for (int k = std::max(-radius, -y); k <= std::min(radius, height - 1 - y); ++k) {
-      const Eigen::Array4f* row = image.data() + static_cast<std::size_t>(y + k) * width;
-      const float w = kernel[k + radius];
-      for (int x = 0; x < width; ++x) column[x + radius] += w * row[x];
-    }
-    Eigen::Array4f* to = out.data() + static_cast<std::size_t>(y) * width;
-    for (int x = 0; x < width; ++x) {
-      Eigen::Array4f sum = Eigen::Array4f::Zero();
-      for (int k = 0; k <= 2 * radius; ++k) sum += kernel[k] * column[x + k];
-      to[x] = sum;
-    }
-  });
-  return out;
-}
-
 Image blurred(const Image& image, double sigma_px) {
   const int radius = blur_radius(sigma_px);
   if (radius == 0) return image;

@@ -1,7 +1,6 @@
-// Gaussian blur, separable, on pictures and photos.
+// Gaussian blur, separable.
 #pragma once
 
-#include <Eigen/Dense>
 #include <vector>
 
 #include "calib/image/image.h"
@@ -13,8 +12,6 @@ int blur_radius(double sigma_px);
 // Weights -radius..radius, sum 1.
 std::vector<float> blur_kernel(double sigma_px);
 
-// Zero outside.
-std::vector<Eigen::Array4f> blurred(const std::vector<Eigen::Array4f>& image, int width, int height, double sigma_px);
 // Border pixels repeated outside.
 Image blurred(const Image& image, double sigma_px);
 

@@ -1,5 +1,6 @@
 // Simulated cameras and projectors: one room, shown and photographed through the interfaces of real devices.
 #include <algorithm>
+#include <cstring>
 #include <map>
 #include <mutex>
 
@@ -12,7 +13,15 @@ namespace {
 
 std::uint64_t hash_picture(const Picture& picture) {
   std::uint64_t h = mix(static_cast<std::uint64_t>(picture.width()) << 32 | picture.height());
-  for (std::uint16_t v : picture.data()) h = (h ^ v) * 0x100000001b3ull;
+  const std::vector<std::uint16_t>& values = picture.data();
+  std::uint64_t four = 0;
+  std::size_t i = 0;
+  for (; i + 4 <= values.size(); i += 4) {
+    std::memcpy(&four, values.data() + i, sizeof four);
+    h = (h ^ four) * 0x9e3779b97f4a7c15ull;
+    h ^= h >> 32;
+  }
+  for (; i < values.size(); ++i) h = mix(h ^ values[i]);
   return mix(h);
 }
 
@@ -124,9 +133,7 @@ class SimulatedCameraDevice final : public capture::Camera {
     std::vector<Picture> pictures;
     for (const Shown* s : seen) pictures.push_back(s->picture);
     pictures = stage_->faults.emitted(std::move(pictures), photo);
-    TrueLight light = stage_->simulator->light(index_, pictures);
-    for (std::size_t i = 0; i < light.direct.data().size(); ++i) light.direct.data()[i] += light.indirect.data()[i];
-    return stage_->simulator->optics(index_, light.direct);
+    return stage_->simulator->optics(index_, stage_->simulator->total_light(index_, pictures));
   }
 
   std::shared_ptr<Stage> stage_;

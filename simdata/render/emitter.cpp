@@ -58,27 +58,46 @@ PictureLight Emitter::light_of(const Picture& picture) const {
   CS_CHECK(picture.empty() || (picture.same_size(light.width, light.height) && picture.channels() == 3),
            "projector '" + spec_.id + "' is sent a picture that is not of its size");
   const int columns = light.width + 2 * margin_, rows = light.height + 2 * margin_;
-  std::vector<Light4> sharp(static_cast<std::size_t>(columns) * rows, Light4::Zero());
   const Light4 black(table_[0][0], table_[1][0], table_[2][0], 0);
-  parallel_for(light.height, [&](int y) {
-    Light4* to = sharp.data() + static_cast<std::size_t>(y + margin_) * columns + margin_;
-    const std::uint16_t* from = picture.empty() ? nullptr : picture.row(y);
-    for (int x = 0; x < light.width; ++x, from += from ? 3 : 0)
-      to[x] = from ? Light4(table_[0][from[0]], table_[1][from[1]], table_[2][from[2]], 0) : black;
-  });
+  const std::vector<float> kernel = blur_kernel(spec_.defocus_sigma_px);
   light.block_mean.assign(blocks(), Light4::Zero());
+  light.blurred.resize(static_cast<std::size_t>(columns) * rows);
+  // Band by band, so that the sharp picture never leaves the cache; rows of the margins go with the outermost bands.
   parallel_for(blocks_y_, [&](int by) {
-    const int y1 = std::min(light.height, (by + 1) * block_px_);
+    const int y0 = by * block_px_, y1 = std::min(light.height, y0 + block_px_);
+    const int first = by == 0 ? -margin_ : y0, last = by == blocks_y_ - 1 ? light.height + margin_ : y1;
+    const int radius = static_cast<int>(kernel.size()) / 2;
+    const int top = std::max(0, first - radius), bottom = std::min(light.height, last + radius);
+    std::vector<Light4> sharp(static_cast<std::size_t>(light.width) * std::max(0, bottom - top));
+    for (int y = top; y < bottom; ++y) {
+      Light4* to = sharp.data() + static_cast<std::size_t>(y - top) * light.width;
+      const std::uint16_t* from = picture.empty() ? nullptr : picture.row(y);
+      for (int x = 0; x < light.width; ++x, from += from ? 3 : 0)
+        to[x] = from ? Light4(table_[0][from[0]], table_[1][from[1]], table_[2][from[2]], 0) : black;
+    }
     for (int bx = 0; bx < blocks_x_; ++bx) {
       const int x1 = std::min(light.width, (bx + 1) * block_px_);
       Light4 sum = Light4::Zero();
-      for (int y = by * block_px_; y < y1; ++y)
-        for (int x = bx * block_px_; x < x1; ++x)
-          sum += sharp[static_cast<std::size_t>(y + margin_) * columns + x + margin_];
-      light.block_mean[by * blocks_x_ + bx] = sum / static_cast<float>((x1 - bx * block_px_) * (y1 - by * block_px_));
+      for (int y = y0; y < y1; ++y)
+        for (int x = bx * block_px_; x < x1; ++x) sum += sharp[static_cast<std::size_t>(y - top) * light.width + x];
+      light.block_mean[by * blocks_x_ + bx] = sum / static_cast<float>((x1 - bx * block_px_) * (y1 - y0));
+    }
+    std::vector<Light4> column(columns + 2 * radius);
+    for (int y = first; y < last; ++y) {
+      std::fill(column.begin(), column.end(), Light4::Zero());
+      Light4* middle = column.data() + radius + margin_;
+      for (int k = std::max(-radius, top - y); k <= std::min(radius, bottom - 1 - y); ++k) {
+        const Light4* row = sharp.data() + static_cast<std::size_t>(y + k - top) * light.width;
+        for (int x = 0; x < light.width; ++x) middle[x] += kernel[k + radius] * row[x];
+      }
+      Light4* to = light.blurred.data() + static_cast<std::size_t>(y + margin_) * columns;
+      for (int x = 0; x < columns; ++x) {
+        Light4 sum = Light4::Zero();
+        for (int k = 0; k <= 2 * radius; ++k) sum += kernel[k] * column[x + k];
+        to[x] = sum;
+      }
     }
   });
-  light.blurred = blurred(sharp, columns, rows, spec_.defocus_sigma_px);
   return light;
 }
 

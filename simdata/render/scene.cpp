@@ -43,7 +43,8 @@ Scene::~Scene() = default;
 
 Result<std::shared_ptr<const Scene>> Scene::make(const Screen& screen) {
   auto embree = std::make_unique<Embree>();
-  embree->device = rtcNewDevice("threads=1");
+  // Embree's number of threads holds for all of TBB in this process: the default is all cores.
+  embree->device = rtcNewDevice(nullptr);
   if (!embree->device) return error(ErrorCode::kUnsupported, "Embree does not start on this processor");
   embree->scene = rtcNewScene(embree->device);
   rtcSetSceneFlags(embree->scene, RTC_SCENE_FLAG_ROBUST);

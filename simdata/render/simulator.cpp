@@ -119,6 +119,11 @@ TrueLight Simulator::light(int camera, std::span<const Picture> pictures) const 
   return {view.direct(light, *state_->indirect), view.reflected(state_->indirect->solve(light), *state_->indirect)};
 }
 
+Image Simulator::total_light(int camera, std::span<const Picture> pictures) const {
+  const std::vector<PictureLight> light = state_->light_of(pictures);
+  return state_->views.at(camera)->total(light, state_->indirect->solve(light), *state_->indirect);
+}
+
 Image Simulator::optics(int camera, const Image& light) const {
   return blurred(light, state_->views.at(camera)->spec().psf_sigma_px);
 }

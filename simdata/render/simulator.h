@@ -44,6 +44,8 @@ class Simulator {
   TrueGeometry geometry(int camera) const;
   // pictures[q]: what projector q of the rig is sent; empty = black.
   TrueLight light(int camera, std::span<const Picture> pictures) const;
+  // Direct and indirect light together, at less cost.
+  Image total_light(int camera, std::span<const Picture> pictures) const;
   // What the lens makes of light: the camera's point spread function.
   Image optics(int camera, const Image& light) const;
   // One exposure of light after optics(): photon and read noise, quantisation. `draw` numbers the noise.

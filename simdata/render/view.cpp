@@ -83,39 +83,56 @@ void View::write_row(Image& image, int y, const std::vector<Light4>& row) const 
   }
 }
 
-Image View::direct(std::span<const PictureLight> light, const IndirectLight& indirect) const {
+void View::add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
+                      std::vector<Light4>& row) const {
+  for (std::size_t p = 0; p < beams_.size(); ++p)
+    for (const BeamSample& s : beams_[p][y]) row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
+  if (ambient_ > 0)
+    for (const WallSample& w : walls_[y]) {
+      if (w.surface == kNone) {
+        row[w.column] += ambient_ * w.factor;
+        continue;
+      }
+      const auto stencil = indirect.grid().stencil(w.surface, w.u, w.v);
+      float open = 0;
+      for (int i = 0; i < 4; ++i) open += stencil.weight[i] * indirect.escape(w.surface)[stencil.index[i]];
+      row[w.column] += base_[w.surface] * (w.factor * ambient_ * open);
+    }
+}
+
+void View::add_reflected(int y, const std::vector<Rgb>& field, const IndirectLight& indirect,
+                         std::vector<Light4>& row) const {
+  for (const WallSample& w : walls_[y])
+    if (w.surface != kNone)
+      row[w.column] +=
+          base_[w.surface] * w.factor * interpolated(field[w.surface], indirect.grid().stencil(w.surface, w.u, w.v));
+}
+
+template <class AddRow>
+Image View::image_of(AddRow add_row) const {
   Image image(spec_.resolution[0], spec_.resolution[1], spec_.channels);
   parallel_for(image.height(), [&](int y) {
     std::vector<Light4> row(image.width(), Light4::Zero());
-    for (std::size_t p = 0; p < beams_.size(); ++p)
-      for (const BeamSample& s : beams_[p][y]) row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
-    if (ambient_ > 0)
-      for (const WallSample& w : walls_[y]) {
-        if (w.surface == kNone) {
-          row[w.column] += ambient_ * w.factor;
-          continue;
-        }
-        const auto stencil = indirect.grid().stencil(w.surface, w.u, w.v);
-        float open = 0;
-        for (int i = 0; i < 4; ++i) open += stencil.weight[i] * indirect.escape(w.surface)[stencil.index[i]];
-        row[w.column] += base_[w.surface] * (w.factor * ambient_ * open);
-      }
+    add_row(y, row);
     write_row(image, y, row);
   });
   return image;
 }
 
+Image View::direct(std::span<const PictureLight> light, const IndirectLight& indirect) const {
+  return image_of([&](int y, std::vector<Light4>& row) { add_direct(y, light, indirect, row); });
+}
+
 Image View::reflected(const std::vector<Rgb>& field, const IndirectLight& indirect) const {
-  Image image(spec_.resolution[0], spec_.resolution[1], spec_.channels);
-  parallel_for(image.height(), [&](int y) {
-    std::vector<Light4> row(image.width(), Light4::Zero());
-    for (const WallSample& w : walls_[y])
-      if (w.surface != kNone)
-        row[w.column] +=
-            base_[w.surface] * w.factor * interpolated(field[w.surface], indirect.grid().stencil(w.surface, w.u, w.v));
-    write_row(image, y, row);
+  return image_of([&](int y, std::vector<Light4>& row) { add_reflected(y, field, indirect, row); });
+}
+
+Image View::total(std::span<const PictureLight> light, const std::vector<Rgb>& field,
+                  const IndirectLight& indirect) const {
+  return image_of([&](int y, std::vector<Light4>& row) {
+    add_direct(y, light, indirect, row);
+    add_reflected(y, field, indirect, row);
   });
-  return image;
 }
 
 }  // namespace countershade::simdata

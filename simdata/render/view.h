@@ -29,6 +29,8 @@ class View {
   Image direct(std::span<const PictureLight> light, const IndirectLight& indirect) const;
   // The indirect irradiance `field` (receivers of indirect.grid(), per surface), reflected.
   Image reflected(const std::vector<Rgb>& field, const IndirectLight& indirect) const;
+  // Both together.
+  Image total(std::span<const PictureLight> light, const std::vector<Rgb>& field, const IndirectLight& indirect) const;
 
  private:
   struct BeamSample {  // one subsample that one projector lights
@@ -41,6 +43,12 @@ class View {
   };
   static constexpr std::uint16_t kNone = 0xffff;
   void sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters);
+  void add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
+                  std::vector<Light4>& row) const;
+  void add_reflected(int y, const std::vector<Rgb>& field, const IndirectLight& indirect,
+                     std::vector<Light4>& row) const;
+  template <class AddRow>
+  Image image_of(AddRow add_row) const;
   void write_row(Image& image, int y, const std::vector<Light4>& row) const;
 
   SimulatedCamera spec_;

@@ -1,7 +1,12 @@
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cmath>
+#include <mutex>
+#include <set>
+#include <thread>
 
+#include "calib/base/parallel.h"
 #include "simdata/render/sensor.h"
 #include "tests/simdata/small_room.h"
 
@@ -143,6 +148,28 @@ TEST(SimulatedDevices, PicturesOfAnotherSizeAreABug) {
 TEST(SimulatedDevices, NegativeExposureIsRefused) {
   const capture::Devices devices = simdata::simulated_devices(shared());
   EXPECT_EQ(devices.cameras[0]->arm(-1).error().code, ErrorCode::kBadValue);
+}
+
+TEST(Simulator, LeavesTheProcessItsThreads) {
+  // Embree's thread limit once held for every loop of the process while a room was open.
+  if (std::thread::hardware_concurrency() < 2) GTEST_SKIP() << "one core";
+  ASSERT_TRUE(shared());
+  std::mutex mutex;
+  std::set<std::thread::id> threads;
+  parallel_for(64, [&](int) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    const std::lock_guard lock(mutex);
+    threads.insert(std::this_thread::get_id());
+  });
+  EXPECT_GT(threads.size(), 1u);
+}
+
+TEST(Simulator, TotalLightIsDirectAndIndirect) {
+  const std::vector<Picture> pictures{flat(.7), flat(.4)};
+  const simdata::TrueLight parts = shared()->light(0, pictures);
+  const Image total = shared()->total_light(0, pictures);
+  for (std::size_t i = 0; i < total.data().size(); ++i)
+    ASSERT_NEAR(total.data()[i], parts.direct.data()[i] + parts.indirect.data()[i], 1e-6) << i;  // float sums
 }
 
 }  // namespace

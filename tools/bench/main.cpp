@@ -89,5 +89,6 @@ int run(int argc, char** argv) {
 }  // namespace countershade::bench
 
 int main(int argc, char** argv) {
+  countershade::tools::keep_memory();
   return countershade::bench::run(argc, argv);
 }

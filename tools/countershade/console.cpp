@@ -1,5 +1,7 @@
 #include "tools/countershade/console.h"
 
+#include <malloc.h>
+
 #include <fmt/format.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
@@ -169,6 +171,11 @@ std::vector<std::string> ConsoleProgress::warnings() const {
 std::vector<StageTime> ConsoleProgress::stage_times() const {
   const std::lock_guard lock(mutex_);
   return times_;
+}
+
+void keep_memory() {
+  mallopt(M_MMAP_MAX, 0);
+  mallopt(M_TRIM_THRESHOLD, 1 << 30);
 }
 
 }  // namespace countershade::tools

@@ -68,4 +68,8 @@ class ConsoleProgress final : public Progress {
 // "0.4 s", "12 s", "3 min 05 s", "2 h 07 min"; "?" where it is not finite.
 std::string duration_text(double seconds);
 
+// Keeps freed memory in the process: photos come and go by the hundred, and fresh pages for one cost as much as its
+// arithmetic. Call it first in main().
+void keep_memory();
+
 }  // namespace countershade::tools

@@ -62,6 +62,7 @@ int run(int argc, char** argv) {
 }  // namespace countershade::tools
 
 int main(int argc, char** argv) {
+  countershade::tools::keep_memory();
   try {
     return countershade::tools::run(argc, argv);
   } catch (const std::exception& e) {
