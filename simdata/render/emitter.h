@@ -17,7 +17,7 @@ using Light4 = Eigen::Array4f;  // RGB and one idle lane
 
 // The light of one picture, linear, 1 = white, black level included.
 struct PictureLight {
-  int width = 0, height = 0, margin = 0;  // of the picture; `sharp` and `blurred` extend by margin on each side
+  int width = 0, height = 0, margin = 0;  // of the picture; `blurred` extends by margin on each side
   std::vector<Light4> blurred;            // after defocus, zero far outside
   std::vector<Light4> block_mean;         // of the sharp picture, row by row
 
