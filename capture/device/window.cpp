@@ -55,6 +55,24 @@ Result<GLFWmonitor*> find_monitor(const std::string& projector, const std::strin
                projector, name, names.empty() ? "none" : names);
 }
 
+// A function of the current context's driver; false where it has none of that name.
+template <class Function>
+bool fetch(Function& function, const char* name) {
+  function = reinterpret_cast<Function>(glfwGetProcAddress(name));
+  return function != nullptr;
+}
+
+Result<void> check_size(GLFWwindow* window, const std::string& projector, int width, int height) {
+  int found_width = 0, found_height = 0;
+  glfwGetFramebufferSize(window, &found_width, &found_height);
+  if (found_width == width && found_height == height) return {};
+  return error(
+      ErrorCode::kDevice,
+      "projector '{}': the window has {}x{} pixels instead of {}x{}: switch the desktop's scaling off and leave "
+      "the window alone",
+      projector, found_width, found_height, width, height);
+}
+
 // The few functions of OpenGL 1.1 that a picture needs, fetched from the driver.
 struct OpenGl {
   decltype(&glDrawPixels) draw_pixels = nullptr;
@@ -67,10 +85,6 @@ struct OpenGl {
   decltype(&glGetError) get_error = nullptr;
 
   bool load() {
-    const auto fetch = [](auto& function, const char* name) {
-      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(glfwGetProcAddress(name));
-      return function != nullptr;
-    };
     return fetch(draw_pixels, "glDrawPixels") && fetch(raster_position, "glRasterPos2f") &&
            fetch(pixel_zoom, "glPixelZoom") && fetch(pixel_store, "glPixelStorei") && fetch(disable, "glDisable") &&
            fetch(viewport, "glViewport") && fetch(finish, "glFinish") && fetch(get_error, "glGetError");
@@ -95,7 +109,7 @@ class WindowProjector final : public Projector {
       return error(ErrorCode::kDevice, "projector '{}': the display's OpenGL cannot draw pictures: install its driver",
                    id_);
     glfwSwapInterval(1);
-    return check_size();
+    return check_size(window_, id_, width_, height_);
   }
 
   Result<void> show(const Picture& picture) override {
@@ -106,7 +120,7 @@ class WindowProjector final : public Projector {
       bytes_[i] = static_cast<std::uint8_t>((picture.data()[i] + 128) / 257);
     glfwMakeContextCurrent(window_);
     glfwPollEvents();
-    CS_TRY_VOID(check_size());
+    CS_TRY_VOID(check_size(window_, id_, width_, height_));
     draw();
     glfwSwapBuffers(window_);
     gl_.finish();
@@ -120,17 +134,6 @@ class WindowProjector final : public Projector {
   }
 
  private:
-  Result<void> check_size() const {
-    int width = 0, height = 0;
-    glfwGetFramebufferSize(window_, &width, &height);
-    if (width == width_ && height == height_) return {};
-    return error(
-        ErrorCode::kDevice,
-        "projector '{}': the window has {}x{} pixels instead of {}x{}: switch the desktop's scaling off and leave "
-        "the window alone",
-        id_, width, height, width_, height_);
-  }
-
   void draw() const {
     gl_.disable(GL_DITHER);
     gl_.viewport(0, 0, width_, height_);
@@ -162,10 +165,6 @@ struct BlitGl {
   decltype(&glGetError) get_error = nullptr;
 
   bool load() {
-    const auto fetch = [](auto& function, const char* name) {
-      function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(glfwGetProcAddress(name));
-      return function != nullptr;
-    };
     return fetch(gen_framebuffers, "glGenFramebuffers") && fetch(bind_framebuffer, "glBindFramebuffer") &&
            fetch(framebuffer_texture, "glFramebufferTexture2D") && fetch(check_status, "glCheckFramebufferStatus") &&
            fetch(blit, "glBlitFramebuffer") && fetch(fence, "glFenceSync") && fetch(wait, "glWaitSync") &&
@@ -253,14 +252,8 @@ class GlfwTextureDisplay final : public TextureDisplay {
   void type(char c) { typed_ += static_cast<char>(std::tolower(static_cast<unsigned char>(c))); }
 
   Result<void> copy(const Window& window, unsigned texture) const {
-    int width = 0, height = 0;
-    glfwGetFramebufferSize(window.handle, &width, &height);
-    if (width != window.spec.width || height != window.spec.height)
-      return error(
-          ErrorCode::kDevice,
-          "projector '{}': the window has {}x{} pixels instead of {}x{}: switch the desktop's scaling off and leave "
-          "the window alone",
-          window.spec.projector, width, height, window.spec.width, window.spec.height);
+    const int width = window.spec.width, height = window.spec.height;
+    CS_TRY_VOID(check_size(window.handle, window.spec.projector, width, height));
     gl_.disable(GL_DITHER);
     gl_.bind_framebuffer(GL_READ_FRAMEBUFFER, window.framebuffer);
     gl_.framebuffer_texture(GL_READ_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture, 0);

@@ -32,7 +32,7 @@ void for_pixels(Raster& raster, Value value) {
       for (int c = 0; c < raster.channels(); ++c) raster.at(x, y, c) = value(x, y, c);
 }
 
-// A picture whose pixel (x, y) shows what stood at (ax + b, ay + b'); linear between pixels, black outside.
+// Pixel (x, y) shows what stood at (scale x + dx, scale y + dy); linear between pixels, black outside.
 Picture resampled(const Picture& picture, double scale, double dx, double dy) {
   Image from(picture.width(), picture.height(), picture.channels());
   std::copy(picture.data().begin(), picture.data().end(), from.data().begin());

@@ -18,9 +18,9 @@
 #include "calib/base/progress.h"
 #include "calib/base/random.h"
 #include "simdata/render/emitter.h"
-#include "simdata/render/paint.h"
 #include "simdata/render/receivers.h"
 #include "simdata/render/scene.h"
+#include "simdata/room/paint.h"
 
 namespace countershade::simdata {
 

@@ -58,4 +58,17 @@ Result<Device> true_projector(const Simulation& simulation, const Rig& rig, cons
   return error(ErrorCode::kBadValue, "projector '{}' is not in both the rig and [[simulation.projector]]; add it", id);
 }
 
+RigAndRoom small_two_wall(int divisor, std::array<int, 2> projector_resolution, int samples) {
+  RigAndRoom room = default_two_wall();
+  SimulatedCamera& camera = room.simulation.cameras[0];
+  camera.focal_px /= divisor;
+  for (int i = 0; i < 2; ++i) {
+    camera.resolution[i] /= divisor;
+    camera.principal[i] = (camera.principal[i] + 0.5) / divisor - 0.5;
+  }
+  for (ProjectorSpec& p : room.rig.projectors) p.resolution = projector_resolution;
+  room.simulation.samples = samples;
+  return room;
+}
+
 }  // namespace countershade::simdata

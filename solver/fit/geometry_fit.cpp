@@ -4,7 +4,6 @@
 #include <cmath>
 #include <numeric>
 
-#include "calib/base/parallel.h"
 #include "solver/fit/geometry_parts.h"
 
 namespace countershade::solver {

@@ -50,7 +50,8 @@ Matches digest(const Matches& matches, const std::vector<Eigen::Matrix3d>& maps,
     std::map<std::pair<int, int>, Cell> cells;
     for (const Match& m : matches) {
       if (m.plane != labels[own]) continue;
-      const Eigen::Vector2d at = (m.ray - box.min()).cwiseQuotient(box.sizes()) * (across - 1e-6);
+      // A plane may be seen along one line of pixels, where the box has no width.
+      const Eigen::Vector2d at = (m.ray - box.min()).cwiseQuotient(box.sizes().cwiseMax(1e-12)) * (across - 1e-6);
       Cell& cell = cells[{static_cast<int>(at.x()), static_cast<int>(at.y())}];
       const double weight = 1 / (m.sigma * m.sigma);
       cell.ray += weight * m.ray;
@@ -233,11 +234,11 @@ Result<std::vector<Bundle>> starts_together(const Problem& problem) {
     CS_TRY(std::vector<Solution> solutions, solve_projector(problem, static_cast<int>(q), digests[q]));
     curves.push_back(std::move(solutions));
   }
-  if (const auto none = std::find_if(curves.begin(), curves.end(), [](const auto& c) { return !c.empty(); });
-      none == curves.end())
+  if (std::all_of(curves.begin(), curves.end(), [](const auto& c) { return c.empty(); }))
     return error(
         ErrorCode::kRefused,
-        "projector '{}': no pose of it explains the correspondences; check that the rows and columns of the "
+        "projector '{}': no pose of it (nor of any other) explains the correspondences; check that the rows and "
+        "columns of the "
         "patterns are the projector's own pixels (no scaling, no keystone correction) and that the lens model fits",
         problem.specs[0].id);
   std::vector<Union> unions;

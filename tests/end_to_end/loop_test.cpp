@@ -15,8 +15,8 @@
 #include "calib/file/session.h"
 #include "calib/geometry/lens.h"
 #include "calib/image/image_file.h"
+#include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
-#include "tests/support/rooms.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/xvfb.h"
 
@@ -28,7 +28,7 @@ using testing::run_countershade;
 using testing::TemporaryFolder;
 
 simdata::RigAndRoom small_room() {
-  return testing::small_two_wall(3, {480, 300}, 1024);
+  return simdata::small_two_wall(3, {480, 300}, 1024);
 }
 
 void write_rig(const fs::path& folder, const simdata::RigAndRoom& room) {
@@ -246,7 +246,7 @@ TEST(Cli, SessionsThatCannotBeUsedAreNamedAndNothingIsWritten) {
 TEST(Cli, CheckMeasuresTheLatencyAndCopesWithIt) {
   for (int latency : {0, 2}) {
     const TemporaryFolder folder;
-    simdata::RigAndRoom room = testing::small_two_wall(8, {160, 100}, 64);
+    simdata::RigAndRoom room = simdata::small_two_wall(8, {160, 100}, 64);
     room.simulation.projectors[1].latency_frames = latency;
     write_rig(folder.path(), room);
     const auto result = run_countershade("check " + (folder / "rig.toml").string());

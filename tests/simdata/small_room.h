@@ -2,12 +2,12 @@
 #pragma once
 
 #include "simdata/render/simulator.h"
-#include "tests/support/rooms.h"
+#include "simdata/room/rooms.h"
 
 namespace countershade::test {
 
 inline simdata::RigAndRoom small_room() {
-  simdata::RigAndRoom made = testing::small_two_wall(8, {160, 100}, 256);
+  simdata::RigAndRoom made = simdata::small_two_wall(8, {160, 100}, 256);
   made.simulation.block_px = 4;
   return made;
 }

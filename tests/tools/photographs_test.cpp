@@ -6,7 +6,7 @@
 #include <cmath>
 
 #include "simdata/render/simulator.h"
-#include "tests/support/rooms.h"
+#include "simdata/room/rooms.h"
 #include "tools/job/test_pictures.h"
 
 namespace countershade::tools {
@@ -21,7 +21,7 @@ double mean_distance(const Image& a, const Image& b, const Mask& mask) {
 }
 
 TEST(Photograph, MeasuresTheDirectLightWithoutAModel) {
-  const simdata::RigAndRoom made = testing::small_two_wall(3, {480, 300}, 256);
+  const simdata::RigAndRoom made = simdata::small_two_wall(3, {480, 300}, 256);
   SilentProgress progress;
   const auto simulator = simdata::Simulator::make(made.rig, made.simulation, progress).value();
   const capture::Devices devices = simdata::simulated_devices(simulator);

@@ -18,17 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The documentation's room with a third of its pixels: twenty whole jobs in minutes. No figure of accuracy comes of it.
-simdata::RigAndRoom small_room() {
-  simdata::RigAndRoom room = simdata::default_two_wall();
-  SimulatedCamera& camera = room.simulation.cameras[0];
-  camera.focal_px /= 3;
-  for (int i = 0; i < 2; ++i) camera.resolution[i] /= 3, camera.principal[i] = (camera.principal[i] + 0.5) / 3 - 0.5;
-  for (ProjectorSpec& p : room.rig.projectors) p.resolution = {480, 300};
-  room.simulation.samples = 1024;
-  return room;
-}
-
 // Photos 0 .. last of one pair of pictures; before `changed`, another pair is shown.
 Result<capture::Exposure> photo_number(const std::shared_ptr<const simdata::Simulator>& simulator,
                                        std::vector<simdata::Fault> faults, int changed, int last) {
@@ -109,7 +98,8 @@ Result<Study> sim_faults(const StudyContext& context) {
               "",
               false};
   SilentProgress quiet;
-  simdata::RigAndRoom room = small_room();
+  // A third of the pixels: twenty whole jobs in minutes. No figure of accuracy comes of it.
+  simdata::RigAndRoom room = simdata::small_two_wall(3, {480, 300}, 1024);
   const fs::path folder = context.output / "sim-faults";
   std::error_code code;
   fs::create_directories(folder, code);

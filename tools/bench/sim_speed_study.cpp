@@ -86,6 +86,7 @@ Result<Cost> cost_of(const simdata::RigAndRoom& room) {
 // one path's noise. A difference that drowns in the noise counts as that noise.
 struct Noise {
   double fast_pixel = 0, fast_box = 0, path = 0, seconds_per_path = 0;
+  bool pixel_resolved = false, box_resolved = false;  // false: the fast path's error is at most what stands here
 };
 
 Noise compare(const simdata::Simulator& simulator, std::span<const Picture> pictures) {
@@ -124,6 +125,8 @@ Noise compare(const simdata::Simulator& simulator, std::span<const Picture> pict
   noise.path = pixel_noise2 * kPaths;
   const double box_noise2 = pixel_noise2 / box_pixels;
   // Differences of mean squares scatter by about a tenth of the noise here; below that nothing is known.
+  noise.pixel_resolved = pixel2 - pixel_noise2 > 0.1 * pixel_noise2;
+  noise.box_resolved = box2 - box_noise2 > box_noise2;
   noise.fast_pixel = std::max(pixel2 - pixel_noise2, 0.1 * pixel_noise2);
   noise.fast_box = std::max(box2 - box_noise2, box_noise2);
   return noise;
@@ -160,10 +163,10 @@ Result<Study> sim_speed(const StudyContext& context) {
                  by_box = photo_pixels * n.path / 256 / n.fast_box * n.seconds_per_path / photo;
     ratio = std::min(by_pixel, by_box);
     study.notes.push_back(
-        fmt::format("full path tracing for the same noise takes {:.0f} times as long by pixel, {:.0f} times in 16 x 16 "
-                    "boxes ({:.0f} and {:.0f} paths a pixel); the set-up pays off after {:.1f} photos",
-                    by_pixel, by_box, n.path / n.fast_pixel, n.path / 256 / n.fast_box,
-                    setup / std::max(1e-9, ratio * photo - photo)));
+        fmt::format("full path tracing for the same noise takes {}{:.0f} times as long by pixel, {}{:.0f} times in "
+                    "16 x 16 boxes ({:.0f} and {:.0f} paths a pixel); the set-up pays off after {:.3f} photos",
+                    n.pixel_resolved ? "" : "at least ", by_pixel, n.box_resolved ? "" : "at least ", by_box,
+                    n.path / n.fast_pixel, n.path / 256 / n.fast_box, setup / std::max(1e-9, ratio * photo - photo)));
   }
   context.progress->step("simulators", 1, 1);
   study.notes.push_back("peak memory is that of the process so far");
