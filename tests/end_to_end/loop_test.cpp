@@ -99,6 +99,17 @@ TEST(Loop, MeasuresCompensatesAndVerifiesASimulatedWall) {
   EXPECT_NE(result.out.find("PASS"), std::string::npos) << result.out;
   EXPECT_TRUE(fs::exists(folder / "out/report/report.html"));
 
+  // What a report must state beside the photos' own numbers, and what its provenance tells of the command.
+  const std::string numbers = read_text(folder / "out/report/numbers.json").value();
+  for (const char* stated : {"certificate_percent_of_white", "reachable_gap_percent_of_white",
+                             "held_out_percent_of_white", "capture_seconds", "compute_seconds"}) {
+    EXPECT_NE(numbers.find(stated), std::string::npos) << stated;
+    EXPECT_EQ(numbers.find(std::string(stated) + "\": null"), std::string::npos) << stated;
+  }
+  const std::string provenance = read_text(folder / "out/report/provenance.json").value();
+  EXPECT_NE(provenance.find("\"exposures\": \"16\""), std::string::npos) << provenance;
+  EXPECT_EQ(provenance.find("\"seconds\": 0.0"), std::string::npos) << provenance;
+
   // Honesty: the calibration does not depend on the truth of the room, nor on the folder's name.
   fs::rename(folder / "out/session", folder / "elsewhere");
   fs::remove(folder / "elsewhere/simulation.toml");

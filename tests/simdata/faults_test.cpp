@@ -89,6 +89,30 @@ TEST(Faults, GlareLaysTheMeanOverThePhoto) {
   EXPECT_NEAR(light.at(3, 1), 1.0, 1e-6);
 }
 
+TEST(Faults, NightLightTakesBlueAndFewerGreens) {
+  const auto shown = Faults(parse_faults("night-light=0.5").value(), 1).emitted({test::flat(0.8), {}}, 0);
+  const double code = 65535 * 0.8;
+  EXPECT_NEAR(shown[0].at(7, 9, 0), code, 1);
+  EXPECT_NEAR(shown[0].at(7, 9, 1), 0.8 * code, 1);  // 40 % of what blue loses
+  EXPECT_NEAR(shown[0].at(7, 9, 2), 0.5 * code, 1);
+  EXPECT_TRUE(shown[1].empty());
+}
+
+TEST(Faults, NudgedAndMagnifiedPicturesShowTheirNeighbours) {
+  const Picture ramp = test::picture([](int x, int y, int) { return 0.1 + 0.004 * x + 0.002 * y; });
+  const auto nudged = Faults(parse_faults("projector-nudged=10@0").value(), 1).emitted({ramp}, 0);
+  EXPECT_EQ(nudged[0].at(60, 40, 1), ramp.at(52, 46, 1));  // 8 to the right, 6 up
+  const auto magnified = Faults(parse_faults("scaled-desktop=2").value(), 1).emitted({ramp}, 0);
+  EXPECT_EQ(magnified[0].at(60, 40, 1), ramp.at(30, 20, 1));
+}
+
+TEST(Faults, BumpedCameraSeesTheSceneShifted) {
+  Image light(40, 30, 1, 0.f);
+  light.at(20, 15) = 1;
+  Faults(parse_faults("camera-bumped=10@0").value(), 1).light(light, 0);
+  EXPECT_NEAR(light.at(12, 21), 1, 1e-6);
+}
+
 TEST(Faults, StaleFrameSeesTheFormerPictureOnce) {
   const auto good = photos("", 12), bad = photos("stale-frame", 12);
   const double noise = mean_difference(good[10].values, good[11].values);
