@@ -28,15 +28,26 @@ def first_speed(rows, axes):
 
 def two_wall_loop(rows, axes):
     """Suppression per room, with the ceiling of the photographs and a model whose k is 20 % wrong."""
+    rows = [row for row in rows if row["suppression"] != "-"]  # a refused room has no bars; the table names it
     seeds = range(len(rows))
     for offset, (column, label) in enumerate([("suppression", "measured model"), ("ceiling", "perfect show, same photos"), ("k x 1.2", "k 20 % wrong")]):
         axes.bar([s + 0.27 * (offset - 1) for s in seeds], [float(r[column]) for r in rows], 0.25, label=label)
     axes.axhline(20, color="0.4", lw=0.8)
-    axes.set(yscale="log", xlabel="room", ylabel="suppression", xticks=list(seeds))
+    axes.set(yscale="log", xlabel="room", ylabel="suppression", xticks=list(seeds), xticklabels=[row["seed"] for row in rows])
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.12), ncols=3, frameon=False)
+
+
+def sim_speed(rows, axes):
+    """Photos a second against the camera's size, and against the number of projectors."""
+    for column, kept, label in [("camera Mpx", "projectors", "by camera Mpx, 2 projectors"), ("projectors", "camera Mpx", "by projectors, 2.1 Mpx")]:
+        chosen = sorted((float(r[column]), float(r["photos per s"])) for r in rows if r[kept] == rows[0][kept])
+        axes.plot(*zip(*chosen), "o-", label=label)
+    axes.axhline(6, color="0.4", lw=0.8)
+    axes.set(xscale="log", yscale="log", xlabel="camera Mpx, or projectors", ylabel="photos per s")
     axes.legend()
 
 
-PLOTS = {"first-speed": first_speed, "two-wall-loop": two_wall_loop}
+PLOTS = {"first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
 
 
 def main():
