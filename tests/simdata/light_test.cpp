@@ -227,5 +227,28 @@ TEST(Make, ImpossibleRoomsAreRefusedByName) {
   EXPECT_FALSE(simdata::Simulator::make(room.rig, room.simulation, progress).has_value());
 }
 
+// Defocus spreads a pixel by the same Gaussian along both axes, also beyond the picture's rim.
+TEST(Emitter, DefocusIsAGaussianAlongBothAxes) {
+  const auto room = small_room();
+  SimulatedProjector spec = room.simulation.projectors[0];
+  spec.defocus_sigma_px = 1.5;
+  spec.black_level = 0;
+  const Device device = *simdata::true_projector(room.simulation, room.rig, spec.id);
+  const simdata::Emitter emitter(spec, device, 16);
+  for (const auto& [x0, y0] : {std::pair{37, 33}, std::pair{0, 99}}) {  // across two blocks, and in a corner
+    Picture dot(160, 100, 3);
+    for (int c = 0; c < 3; ++c) dot.at(x0, y0, c) = 65535;
+    const simdata::PictureLight light = emitter.light_of(dot);
+    double norm = 0;
+    for (int k = -6; k <= 6; ++k) norm += std::exp(-0.5 * k * k / 2.25);
+    for (int dy = -4; dy <= 4; ++dy)
+      for (int dx = -4; dx <= 4; ++dx) {
+        const double expected = std::exp(-0.5 * (dx * dx + dy * dy) / 2.25) / (norm * norm);
+        EXPECT_NEAR(light.at(static_cast<float>(x0 + dx), static_cast<float>(y0 + dy))[1], expected, 1e-6)  // float
+            << x0 << " " << dx << " " << dy;
+      }
+  }
+}
+
 }  // namespace
 }  // namespace countershade
