@@ -288,11 +288,28 @@ std::optional<std::string> mistake(const ProjectorSpec&) {
   return std::nullopt;
 }
 
+std::optional<std::string> mistake(const SimulatedSurface& s) {
+  if (s.shape != "rectangle" && s.shape != "mesh" &&
+      !(s.azimuth_deg[1] > s.azimuth_deg[0] && s.azimuth_deg[1] - s.azimuth_deg[0] <= 360))
+    return fmt::format("azimuth_deg = [{}, {}] must rise, by 360 at most", s.azimuth_deg[0], s.azimuth_deg[1]);
+  if (s.shape == "sphere" && !(s.elevation_deg[1] > s.elevation_deg[0]))
+    return fmt::format("elevation_deg = [{}, {}] must rise", s.elevation_deg[0], s.elevation_deg[1]);
+  return std::nullopt;
+}
+
 template <class Simulated>
 std::optional<std::string> mistake(const Simulated& device) {
   if (device.position == device.target) return "position and target are the same point; it looks nowhere";
   return std::nullopt;
 }
+
+// What decides which other fields there are.
+void prepare(SimulatedSurface& surface, const toml::value& table) {
+  if (!table.is_table() || !table.as_table().count("shape")) return;
+  if (const toml::value& shape = table.as_table().at("shape"); shape.is_string()) surface.shape = shape.as_string().str;
+}
+template <class T>
+void prepare(T&, const toml::value&) {}
 
 void fill_in(SimulatedCamera& camera, const toml::value& table) {
   if (!table.as_table().count("principal"))
@@ -312,6 +329,7 @@ Result<void> Reader::tables(const toml::value& parent, const char* key, const st
   std::map<std::string, const toml::value*> seen;
   for (const toml::value& item : list.as_array()) {
     T one;
+    prepare(one, item);
     CS_TRY_VOID(table(item, name, fields::fields_of(one)));
     fill_in(one, item);
     const auto [first, is_new] = seen.emplace(one.id, &item);
@@ -337,7 +355,8 @@ Result<void> Reader::single(const char* key, const Fields& fields) const {
 Result<Simulation> Reader::simulation() const {
   const toml::value& value = root.as_table().at("simulation");
   Simulation simulation;
-  CS_TRY_VOID(table(value, "[simulation]", fields::fields_of(simulation), {"camera", "projector"}));
+  CS_TRY_VOID(table(value, "[simulation]", fields::fields_of(simulation), {"surface", "camera", "projector"}));
+  CS_TRY_VOID(tables(value, "surface", "[[simulation.surface]]", simulation.surfaces));
   CS_TRY_VOID(tables(value, "camera", "[[simulation.camera]]", simulation.cameras));
   CS_TRY_VOID(tables(value, "projector", "[[simulation.projector]]", simulation.projectors));
   return simulation;
@@ -391,7 +410,9 @@ Result<Simulation> read_simulation(const fs::path& path) {
     return error(ErrorCode::kBadValue,
                  "'{}' has no table [simulation], which simulated devices need; `countershade new two-wall` writes one",
                  path.string());
-  return reader.simulation();
+  CS_TRY(Simulation simulation, reader.simulation());
+  for (SimulatedSurface& surface : simulation.surfaces) resolve(path.parent_path(), surface.mesh);
+  return simulation;
 }
 
 Result<bool> has_simulation(const fs::path& path) {

@@ -101,17 +101,41 @@ struct SimulatedProjector {
   int latency_frames = 0;  // photos taken that many swaps too early show the former picture
 };
 
+// One piece of a simulated room. World: x right, y up, z towards the audience; azimuth 0 looks along -z, 90 degrees
+// along +x. The lit side of a rectangle is the one from which along_u leads right when along_v leads up.
+struct SimulatedSurface {
+  std::string id;
+  std::string shape = "rectangle";  // rectangle | cylinder | cone | sphere | mesh
+  // rectangle: corner u = v = 0; cylinder, cone: centre of the lower circle; sphere: centre; mesh: where its origin lies
+  std::array<double, 3> origin{0, 0, 0};
+  std::array<double, 3> along_u{1, 0, 0}, along_v{0, 1, 0};  // rectangle: its sides [m]
+  double radius = 2, top_radius = 1;                         // m; top_radius: cone
+  double height = 2;                                         // m; cylinder, cone
+  std::array<double, 2> azimuth_deg{-60, 60};                // part of the circle, from left to right seen from inside
+  std::array<double, 2> elevation_deg{0, 90};                // sphere: part of the meridian
+  std::string lit = "inside";                                // inside | outside: side of a round shape that is lit
+  std::filesystem::path mesh;                                // OBJ or PLY, faces anticlockwise from the lit side
+  double mesh_scale = 1;                                     // metres per unit of the file
+  std::array<double, 3> albedo{0.8, 0.8, 0.8};
+  double texture = 0;    // amplitude of a smooth albedo variation, fraction
+  double patchwork = 0;  // amplitude of an albedo that differs from cell to cell, fraction
+  std::array<int, 2> patchwork_cells{4, 3};
+  double gloss = 0;                                // share of the reflected light in a GGX lobe
+  double roughness = 0.4;                          // GGX alpha
+  double directing = 0;                            // exponent of a light-directing screen; 0 = Lambertian
+  std::array<double, 2> directing_tilt_deg{0, 0};  // of its axis from the normal, along u and v
+  double transmission = 0;                         // rear projection: light that passes / light that is reflected
+  double daylight = 0;                             // irradiance of a sunlit patch, 1 = reference irradiance
+  std::array<double, 2> daylight_from{0.1, 0.1}, daylight_to{0.4, 0.5};  // its corners, (u, v)
+};
+
 struct Simulation {
-  std::string room = "two-wall";
-  double angle_deg = 90;                                    // dihedral angle
-  std::array<double, 2> left_size{3, 2}, right_size{3, 2};  // width, height of the walls, m
-  double left_rise = 0, right_rise = 0;                     // height of each wall's lower edge, m
-  std::array<double, 3> left_albedo{0.8, 0.8, 0.8}, right_albedo{0.8, 0.8, 0.8};
-  double texture = 0;  // amplitude of a smooth albedo variation, fraction
-  double ambient = 0;  // radiance of the surround, fraction of reference white
+  std::string room = "two-wall";  // what it is called in messages and reports; the surfaces say what it is
+  double ambient = 0;             // radiance of the surround, fraction of reference white
   std::uint64_t seed = 1;
-  int samples = 4096;  // strata per wall that a receiving point looks at
+  int samples = 4096;  // strata per surface, or rays, by which a receiving point looks at the room
   int block_px = 16;   // projector pixels per block of the indirect light
+  std::vector<SimulatedSurface> surfaces;
   std::vector<SimulatedCamera> cameras;
   std::vector<SimulatedProjector> projectors;
 };

@@ -130,20 +130,75 @@ Fields intent_of(Rig& r) {
 
 Fields fields_of(Simulation& s) {
   return {
-      {"room", &s.room, text({"two-wall"}, {"cave4", "dome", "cylinder"}), "kind of room: two-wall"},
-      {"angle_deg", &s.angle_deg, between(1, 179), "angle between the walls [degrees]"},
-      {"left_size", &s.left_size, more_than(0, kFar), "width, height of the left wall [m]"},
-      {"right_size", &s.right_size, more_than(0, kFar), "width, height of the right wall [m]"},
-      {"left_rise", &s.left_rise, between(-kFar, kFar), "height of the left wall's lower edge [m]"},
-      {"right_rise", &s.right_rise, between(-kFar, kFar), "height of the right wall's lower edge [m]"},
-      {"left_albedo", &s.left_albedo, between(0, 1), "diffuse reflectance r, g, b"},
-      {"right_albedo", &s.right_albedo, between(0, 1), "diffuse reflectance r, g, b"},
-      {"texture", &s.texture, between(0, 1), "amplitude of a smooth albedo variation, fraction"},
+      {"room", &s.room, any(), "what the room is called"},
       {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
       {"seed", &s.seed, any(), "all noise follows from it"},
-      {"samples", &s.samples, between(1, 1 << 24), "strata per wall that a receiving point looks at"},
+      {"samples", &s.samples, between(16, 1 << 22), "strata or rays by which a point looks at a surface"},
       {"block_px", &s.block_px, between(1, kMostPixels), "projector pixels per block of indirect light"},
   };
+}
+
+namespace {
+
+Fields shape_of(SimulatedSurface& s) {
+  const Field origin{"origin", &s.origin, between(-kFar, kFar), "its corner u = v = 0 [m]"};
+  const Field azimuth{"azimuth_deg", &s.azimuth_deg, between(-360, 360), "from, to; 0 = straight ahead, 90 = right"};
+  const Field lit{"lit", &s.lit, text({"inside", "outside"}), "inside | outside: the side that is lit"};
+  const Field radius{"radius", &s.radius, more_than(0, kFar), "[m]"};
+  const Field height{"height", &s.height, more_than(0, kFar), "[m]"};
+  const auto placed = [&](const char* meaning) {
+    Field f = origin;
+    f.comment = meaning;
+    return f;
+  };
+  if (s.shape == "cylinder") return {placed("centre of the lower circle [m]"), radius, height, azimuth, lit};
+  if (s.shape == "cone")
+    return {placed("centre of the lower circle [m]"),
+            radius,
+            {"top_radius", &s.top_radius, between(0, kFar), "of the upper circle [m]"},
+            height,
+            azimuth,
+            lit};
+  if (s.shape == "sphere")
+    return {placed("centre [m]"),
+            radius,
+            azimuth,
+            {"elevation_deg", &s.elevation_deg, between(-90, 90), "from, to; 90 = zenith"},
+            lit};
+  if (s.shape == "mesh")
+    return {{"mesh", &s.mesh, mandatory(any()), "OBJ or PLY, path relative to this file", "", "\"room.obj\""},
+            {"mesh_scale", &s.mesh_scale, more_than(0, 1e6), "metres per unit of the file"},
+            placed("where its origin lies [m]")};
+  return {origin,
+          {"along_u", &s.along_u, between(-kFar, kFar), "its lower side, rightwards as seen from the lit side [m]"},
+          {"along_v", &s.along_v, between(-kFar, kFar), "its left side, upwards [m]"}};
+}
+
+}  // namespace
+
+Fields fields_of(SimulatedSurface& s) {
+  Fields fields{
+      {"id", &s.id, id(), "name"},
+      {"shape", &s.shape, text({"rectangle", "cylinder", "cone", "sphere", "mesh"}),
+       "rectangle | cylinder | cone | sphere | mesh"},
+  };
+  const Fields shape = shape_of(s), paint{
+      {"albedo", &s.albedo, between(0, 1), "diffuse reflectance r, g, b"},
+      {"texture", &s.texture, between(0, 0.9), "amplitude of a smooth albedo variation, fraction"},
+      {"patchwork", &s.patchwork, between(0, 0.9), "amplitude of an albedo that differs by cell, fraction"},
+      {"patchwork_cells", &s.patchwork_cells, between(1, 4096), "cells along u and v"},
+      {"gloss", &s.gloss, between(0, 1), "share of the reflected light in a glossy (GGX) lobe"},
+      {"roughness", &s.roughness, between(0.1, 1), "of that lobe, GGX alpha"},
+      {"directing", &s.directing, between(0, 100), "exponent of a light-directing screen; 0 = diffuse"},
+      {"directing_tilt_deg", &s.directing_tilt_deg, between(-60, 60), "its axis off the normal, along u, v [degrees]"},
+      {"transmission", &s.transmission, between(0, 100), "rear projection: light that passes / that is reflected"},
+      {"daylight", &s.daylight, between(0, 100), "irradiance of a sunlit patch, 1 = reference"},
+      {"daylight_from", &s.daylight_from, between(0, 1), "its corner u, v"},
+      {"daylight_to", &s.daylight_to, between(0, 1), "its other corner u, v"},
+  };
+  fields.insert(fields.end(), shape.begin(), shape.end());
+  fields.insert(fields.end(), paint.begin(), paint.end());
+  return fields;
 }
 
 Fields fields_of(SimulatedCamera& c) {

@@ -50,6 +50,8 @@ Fields fields_of(ScreenSpec::KnownLength& known);
 Fields fields_of(BoardSpec& board);
 Fields intent_of(Rig& rig);
 Fields fields_of(Simulation& simulation);
+// Those that belong to the surface's shape.
+Fields fields_of(SimulatedSurface& surface);
 Fields fields_of(SimulatedCamera& camera);
 Fields fields_of(SimulatedProjector& projector);
 

@@ -130,8 +130,18 @@ std::string lines(const Fields& fields, const Fields& fresh, Style style, bool a
 }
 
 template <class T>
+T fresh_like(const T&) {
+  return {};
+}
+SimulatedSurface fresh_like(const SimulatedSurface& surface) {
+  SimulatedSurface fresh;
+  fresh.shape = surface.shape;  // says which fields there are
+  return fresh;
+}
+
+template <class T>
 std::string table(const std::string& name, T& values, Style style) {
-  T fresh;
+  T fresh = fresh_like(values);
   return "\n" + name + "\n" + lines(fields::fields_of(values), fields::fields_of(fresh), style);
 }
 
@@ -165,6 +175,7 @@ std::string text_of(Rig rig, Style style) {
 
 std::string text_of(Simulation simulation, Style style) {
   std::string text = table("[simulation]", simulation, style);
+  for (SimulatedSurface& surface : simulation.surfaces) text += table("[[simulation.surface]]", surface, style);
   for (SimulatedCamera& camera : simulation.cameras) text += table("[[simulation.camera]]", camera, style);
   for (SimulatedProjector& projector : simulation.projectors)
     text += table("[[simulation.projector]]", projector, style);

@@ -27,23 +27,27 @@ double Emitter::power_for(double distance) const {
   return distance * distance * height / (spec_.throw_ratio * spec_.throw_ratio * width);
 }
 
-std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, int surface, const Eigen::Vector3d& x,
-                                           double margin_px) const {
-  const Eigen::Vector3d x_in_device = device_.device_from_world * x;
+std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, const SurfacePoint& at, double margin_px) const {
+  const Eigen::Vector3d x_in_device = device_.device_from_world * at.x;
   const Eigen::Vector2d q = device_.lens.project(x_in_device);
   const double width = device_.lens.width(), height = device_.lens.height();
   const double low = -0.5 - margin_px;
   if (!(q.x() > low && q.y() > low && q.x() < width - 1 - low && q.y() < height - 1 - low)) return std::nullopt;
-  const Eigen::Vector3d to_projector = position_ - x;
+  const Eigen::Vector3d to_projector = position_ - at.x;
   const double r2 = to_projector.squaredNorm(), r = std::sqrt(r2);
-  const double cos_theta = scene.plane(surface).normal(0, 0).dot(to_projector) / r;
-  if (!(cos_theta > 0) || !scene.visible(surface, x, position_)) return std::nullopt;
+  const double cos_theta = at.normal.dot(to_projector) / r;
+  const bool behind = cos_theta < 0;
+  const double passes = behind ? scene.transmission(at.surface) : 1;
+  if (!(passes > 0) || cos_theta == 0 || !scene.visible(at, position_, -1, behind)) return std::nullopt;
   const double cos_alpha = x_in_device.z() / r;
   const double dx = q.x() - (width - 1) / 2, dy = q.y() - (height - 1) / 2;
   const double falloff = 1 - spec_.falloff * 4 * (dx * dx + dy * dy) / (width * width + height * height);
   const double focal = spec_.throw_ratio;
-  return Beam{q, spec_.gain * power_ * falloff * focal * focal * width / height * cos_theta /
-                     (r2 * cos_alpha * cos_alpha * cos_alpha)};
+  Beam beam{q, 0, to_projector / r, behind};
+  beam.irradiance = passes * spec_.gain * power_ * falloff * focal * focal * width / height * std::abs(cos_theta) /
+                    (r2 * cos_alpha * cos_alpha * cos_alpha);
+  if (behind) beam.to_projector = -beam.to_projector;
+  return beam;
 }
 
 int Emitter::block_of(const Eigen::Vector2d& q) const {

@@ -42,14 +42,16 @@ class Emitter {
   struct Beam {
     Eigen::Vector2d pixel;  // projector pixel that lights the point
     double irradiance = 0;  // at full white, in units of the reference irradiance
+    Eigen::Vector3d to_projector{0, 0, 1};  // unit, on the lit side even where the light comes through the screen
+    bool from_behind = false;
   };
-  // The beam at a point of the lit side of `surface`; none where the picture misses it or another wall is in between.
-  // `margin_px` widens the picture.
+  // The beam at a point of a surface; none where the picture misses it, another surface is in between, or it comes from
+  // behind a screen that lets no light through. `margin_px` widens the picture.
   //
   //   E = power falloff throw^2 W / H cos(theta) / (r^2 cos^3 alpha)
   //
   // since each of the W H pixels carries the same flux and covers the solid angle cos^3(alpha) / f^2, f = throw W.
-  std::optional<Beam> beam(const Scene& scene, int surface, const Eigen::Vector3d& x, double margin_px = 0) const;
+  std::optional<Beam> beam(const Scene& scene, const SurfacePoint& at, double margin_px = 0) const;
   // Sets `power` [m^2]: irradiance 1 on a perpendicular screen at `distance` from a projector of gain 1 like this one.
   double power_for(double distance) const;
   void set_power(double power) { power_ = power; }

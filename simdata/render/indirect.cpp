@@ -9,51 +9,44 @@
 
 namespace countershade::simdata {
 
-namespace {
-
-// The side of a chart that lies on the crease x = z = 0.
-double crease_side(const Surface& surface) {
-  const auto off_axis = [&](double u) {
-    const Eigen::Vector3d x = surface.point(u, 0.5);
-    return std::hypot(x.x(), x.z());
-  };
-  return off_axis(0) < off_axis(1) ? 0 : 1;
-}
-
-}  // namespace
-
 IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vector<Emitter>& emitters,
-                             const Paint& paint, const Simulation& simulation, Progress& progress)
+                             const Paint& paint, const Simulation& simulation, std::vector<Eigen::Vector3d> viewers,
+                             Progress& progress)
     : scene_(std::move(scene)),
       emitters_(emitters),
       paint_(paint),
+      viewers_(std::move(viewers)),
       strata_(std::max(2, static_cast<int>(std::lround(std::sqrt(simulation.samples))))),
       seed_(simulation.seed),
       ambient_(static_cast<float>(simulation.ambient)) {
-  std::vector<double> sides;
-  for (const auto& surface : scene_->screen().surfaces) sides.push_back(crease_side(*surface));
-  const bool draft = simulation.samples < 1024;  // few samples, for tests: no point in many receivers
-  fine_.grid = draft ? ReceiverGrid(28, 20, sides) : ReceiverGrid(64, 64, sides);
-  coarse_.grid = draft ? ReceiverGrid(14, 10, sides) : ReceiverGrid(32, 24, sides);
-  list_pairs(emitters);
-  gather(coarse_, "indirect light, coarse", progress);
-  gather(fine_, "indirect light", progress);
+  const int surfaces = scene_->size();
+  // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each.
+  const bool draft = simulation.samples < 1024;
+  const int share = std::max(2, surfaces);
+  for (int s = 0; s < surfaces; ++s) {
+    fine_.at.emplace_back(*scene_, s, 2 * (draft ? 560 : 4096) / share);
+    coarse_.at.emplace_back(*scene_, s, 2 * (draft ? 140 : 768) / share);
+    has_mesh_ |= scene_->shape(s).form() == Shape::Form::kMesh;
+  }
+  list_pairs();
+  gather(coarse_, 0, "indirect light, coarse", progress);
+  gather(fine_, static_cast<int>(viewers_.size()), "indirect light", progress);
 }
 
-// Which blocks of which projector light which wall, with one block of margin.
-void IndirectLight::list_pairs(const std::vector<Emitter>& emitters) {
-  const int surfaces = scene_->screen().size();
+// Which blocks of which projector light which surface, with one block of margin.
+void IndirectLight::list_pairs() {
+  const int surfaces = scene_->size();
   column_.assign(surfaces, {});
   pairs_.assign(surfaces, {});
-  for (std::size_t q = 0; q < emitters.size(); ++q) {
-    const Emitter& emitter = emitters[q];
+  for (std::size_t q = 0; q < emitters_.size(); ++q) {
+    const Emitter& emitter = emitters_[q];
     const int nx = emitter.blocks_x(), ny = emitter.blocks() / nx;
     std::vector<std::vector<char>> lit(surfaces, std::vector<char>(emitter.blocks(), 0));
     const double width = emitter.device().lens.width(), height = emitter.device().lens.height();
     for (int y = 0; y <= 4 * ny; ++y)
       for (int x = 0; x <= 4 * nx; ++x) {
         const Eigen::Vector2d pixel(x * width / (4 * nx) - 0.5, y * height / (4 * ny) - 0.5);
-        const int s = scene_->screen().intersect(emitter.device().ray(pixel)).surface;
+        const int s = scene_->look(emitter.device().ray(pixel)).at.surface;
         if (s >= 0) lit[s][emitter.block_of(pixel)] = 1;
       }
     for (int s = 0; s < surfaces; ++s) {
@@ -72,31 +65,46 @@ void IndirectLight::list_pairs(const std::vector<Emitter>& emitters) {
       column_[s].push_back(std::move(columns));
     }
   }
+  for (int s = 0; s < surfaces; ++s)
+    if (paint_.has_daylight(s)) pairs_[s].emplace_back(-1, 0);
 }
 
-void IndirectLight::deposit(Wall& wall, int row, const ChartPoint& y, double weight) const {
+void IndirectLight::deposit(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y,
+                            double weight) const {
   const int t = y.surface;
-  const Eigen::Vector3d x = scene_->screen().point(y);
-  const double reflected = weight * paint_.texture(t, y.u, y.v);
-  for (std::size_t q = 0; q < emitters_.size(); ++q)
-    if (const auto beam = emitters_[q].beam(*scene_, t, x)) {
-      const int column = column_[t][q][emitters_[q].block_of(beam->pixel)];
-      if (column >= 0) wall.from_blocks[t](row, column) += static_cast<float>(reflected * beam->irradiance);
-    }
-  const ReceiverGrid::Stencil stencil = coarse_.grid.stencil(t, y.u, y.v);
-  for (int i = 0; i < 4; ++i)
-    wall.from_receivers[t](row, stencil.index[i]) += static_cast<float>(reflected) * stencil.weight[i];
+  const Eigen::Vector3d to_y = (y.x - at.x).normalized(), to_x = -to_y;
+  const double reflected = weight * paint_.texture(y);
+  const double spread = paint_.is_diffuse(t) ? 1 : paint_.directed(y, to_x) + paint_.gloss(t);
+  const auto add = [&](Wall& wall, double share) {
+    for (std::size_t q = 0; q < emitters_.size(); ++q)
+      if (const auto beam = emitters_[q].beam(*scene_, y)) {
+        const int column = column_[t][q][emitters_[q].block_of(beam->pixel)];
+        const double lobe = beam->from_behind ? spread : paint_.lobe(y, beam->to_projector, to_x);
+        if (column >= 0) wall.from_blocks[t](row, column) += static_cast<float>(share * lobe * beam->irradiance);
+      }
+    if (paint_.has_daylight(t))
+      wall.from_blocks[t](row, wall.from_blocks[t].cols() - 1) +=
+          static_cast<float>(share * spread * paint_.daylight(y));
+    const Receivers::Stencil stencil = coarse_.at[t].stencil(y);
+    for (int i = 0; i < 4; ++i)
+      wall.from_receivers[t](row, stencil.index[i]) += static_cast<float>(share * spread) * stencil.weight[i];
+  };
+  add(standing.walls[at.surface], reflected);
+  if (!paint_.is_glossy(at.surface)) return;
+  for (std::size_t k = 0; k < standing.mirrors.size(); ++k) {
+    const double mirrored = paint_.glossy(at, to_y, (viewers_[k] - at.x).normalized());
+    if (mirrored > 0) add(standing.mirrors[k][at.surface], reflected * mirrored);
+  }
 }
 
-void IndirectLight::gather_cell(Wall& wall, const ChartPoint& at, int row, const Cell& cell, Random& random,
+void IndirectLight::gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
                                 int depth) const {
   constexpr double kLargest = 0.25;  // a stratum's diagonal against its distance
-  const PlaneSurface& from = scene_->plane(cell.surface);
-  const Eigen::Vector3d x = scene_->screen().point(at), normal = scene_->screen().normal(at);
-  const double diagonal = (cell.du * from.along_u() + cell.dv * from.along_v()).norm();
-  if (depth > 0 && diagonal > kLargest * (from.point(cell.u, cell.v) - x).norm()) {
+  const Shape& from = scene_->shape(cell.surface);
+  const double distance = (from.at(cell.u, cell.v).x - at.x).norm();
+  if (depth > 0 && from.diagonal(cell.u, cell.v, cell.du, cell.dv) > kLargest * distance) {
     for (int k = 0; k < 4; ++k)
-      gather_cell(wall, at, row,
+      gather_cell(standing, at, row,
                   {cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
                    cell.du / 2, cell.dv / 2},
                   random, depth - 1);
@@ -104,98 +112,138 @@ void IndirectLight::gather_cell(Wall& wall, const ChartPoint& at, int row, const
   }
   const double du = (random.uniform() - 0.5) * cell.du, dv = (random.uniform() - 0.5) * cell.dv;
   for (double sign : {1.0, -1.0}) {
-    const ChartPoint y{cell.surface, cell.u + sign * du, cell.v + sign * dv};
-    const Eigen::Vector3d to_y = from.point(y.u, y.v) - x;
+    const SurfacePoint y = scene_->point(cell.surface, cell.u + sign * du, cell.v + sign * dv);
+    const Eigen::Vector3d to_y = y.x - at.x;
     const double r2 = to_y.squaredNorm();
-    const double cos_x = normal.dot(to_y), cos_y = -from.normal(0, 0).dot(to_y);  // times r
-    if (!(cos_x > 0) || !scene_->visible(at.surface, x, x + to_y, cell.surface)) continue;
+    const double cos_x = at.normal.dot(to_y), cos_y = -y.normal.dot(to_y);  // times r
+    if (!(cos_x > 0) || !(r2 > 0) || !scene_->visible(at, y.x, cell.surface)) continue;
     const double area = from.area_element(y.u, y.v) * cell.du * cell.dv / 2;
     const double weight = cos_x * std::abs(cos_y) * area / (std::numbers::pi * r2 * r2);
-    wall.escape[row] -= static_cast<float>(weight);
-    if (cos_y > 0) deposit(wall, row, y, weight);  // the back of a wall is black
+    standing.walls[at.surface].escape[row] -= static_cast<float>(weight);
+    if (cos_y > 0) deposit(standing, at, row, y, weight);  // the back of a surface is black
   }
 }
 
-void IndirectLight::gather_at(Receivers& receivers, int surface, int index) const {
-  constexpr int kDepth = 14;
-  const ChartPoint at = receivers.grid.point(surface, index);
-  Wall& wall = receivers.walls[surface];
-  wall.escape[index] = 1;
-  Random random(mix(seed_ ^ mix((receivers.grid.per_surface() * 16ull + surface) << 32 | index)));
-  const double side = 1.0 / strata_;
-  for (int t = 0; t < scene_->screen().size(); ++t)
-    for (int k = 0; t != surface && k < strata_ * strata_; ++k)  // a plane does not see itself
-      gather_cell(wall, at, index, {t, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side}, random,
-                  kDepth);
+// Meshes by cosine-weighted rays: what a ray meets has the weight 1 / rays.
+void IndirectLight::gather_mesh(Standing& standing, int surface, int index, Random& random) const {
+  const SurfacePoint& at = standing.at[surface].point(index);
+  const double weight = 1.0 / (strata_ * strata_);
+  for (int k = 0; k < strata_ * strata_; ++k) {
+    const double a = (k % strata_ + random.uniform()) / strata_, b = (k / strata_ + random.uniform()) / strata_;
+    const SceneHit hit = scene_->hit(at, cosine_direction(at.normal, at.along_u, a, b));
+    if (hit.at.surface < 0 || scene_->shape(hit.at.surface).form() != Shape::Form::kMesh) continue;
+    standing.walls[surface].escape[index] -= static_cast<float>(weight);
+    if (hit.front) deposit(standing, at, index, hit.at, weight);
+  }
 }
 
-void IndirectLight::gather(Receivers& receivers, const char* stage, Progress& progress) const {
-  const int surfaces = scene_->screen().size(), rows = receivers.grid.per_surface();
+void IndirectLight::gather_at(Standing& standing, int surface, int index) const {
+  constexpr int kDepth = 14;
+  const SurfacePoint& at = standing.at[surface].point(index);
+  standing.walls[surface].escape[index] = 1;
+  Random random(mix(seed_ ^ mix((standing.at[surface].size() * 16ull + surface) << 32 | index)));
+  const double side = 1.0 / strata_;
+  for (int t = 0; t < scene_->size(); ++t) {
+    const Shape& from = scene_->shape(t);
+    if (from.form() == Shape::Form::kMesh || (t == surface && !from.sees_itself())) continue;
+    for (int k = 0; k < strata_ * strata_; ++k)
+      gather_cell(standing, at, index, {t, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side}, random,
+                  kDepth);
+  }
+  if (has_mesh_) gather_mesh(standing, surface, index, random);
+}
+
+IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows) const {
+  Wall wall;
+  for (int t = 0; t < scene_->size(); ++t) {
+    const bool unseen = t == surface && !scene_->shape(t).sees_itself();
+    wall.from_blocks.push_back(Weights::Zero(unseen ? 0 : rows, static_cast<int>(pairs_[t].size())));
+    wall.from_receivers.push_back(Weights::Zero(unseen ? 0 : rows, coarse_.at[t].size()));
+  }
+  wall.escape = Eigen::VectorXf::Zero(rows);
+  return wall;
+}
+
+void IndirectLight::gather(Standing& standing, int viewers, const char* stage, Progress& progress) {
+  const int surfaces = scene_->size();
+  standing.mirrors.resize(viewers);
+  std::vector<std::pair<int, int>> all;  // (surface, receiver)
+  const auto count = [&](const Wall& wall) {
+    for (const Weights& w : wall.from_blocks) entries_ += w.size();
+    for (const Weights& w : wall.from_receivers) entries_ += w.size();
+  };
   for (int s = 0; s < surfaces; ++s) {
-    Wall wall;
-    for (int t = 0; t < surfaces; ++t) {
-      wall.from_blocks.push_back(Weights::Zero(t == s ? 0 : rows, static_cast<int>(pairs_[t].size())));
-      wall.from_receivers.push_back(Weights::Zero(t == s ? 0 : rows, coarse_.grid.per_surface()));
+    const int rows = standing.at[s].size();
+    standing.walls.push_back(empty_wall(s, rows));
+    count(standing.walls.back());
+    for (auto& mirrors : standing.mirrors) {
+      mirrors.push_back(paint_.is_glossy(s) ? empty_wall(s, rows) : Wall{});
+      count(mirrors.back());
     }
-    wall.escape = Eigen::VectorXf::Zero(rows);
-    receivers.walls.push_back(std::move(wall));
+    for (int i = 0; i < rows; ++i) all.emplace_back(s, i);
   }
   constexpr int kSteps = 32;
-  const int total = surfaces * rows;
+  const std::size_t total = all.size();
   for (int step = 0; step < kSteps; ++step) {
     progress.step(stage, step, kSteps);
-    const int begin = step * total / kSteps, end = (step + 1) * total / kSteps;
-    parallel_for(end - begin, [&](int i) { gather_at(receivers, (begin + i) / rows, (begin + i) % rows); });
+    const std::size_t begin = step * total / kSteps, end = (step + 1) * total / kSteps;
+    parallel_for(static_cast<int>(end - begin),
+                 [&](int i) { gather_at(standing, all[begin + i].first, all[begin + i].second); });
   }
   progress.step(stage, kSteps, kSteps);
 }
 
-std::vector<Rgb> IndirectLight::apply(const Receivers& receivers, const std::vector<Rgb>& blocks,
-                                      const std::vector<Rgb>& bounced) const {
+Rgb IndirectLight::applied(const Wall& wall, int rows, const std::vector<Rgb>& blocks,
+                           const std::vector<Rgb>& bounced) const {
   constexpr int kRows = 128;
-  const int surfaces = scene_->screen().size(), rows = receivers.grid.per_surface();
-  const int chunks = (rows + kRows - 1) / kRows;
-  std::vector<Rgb> out(surfaces, Rgb::Zero(rows, 4));
-  parallel_for(surfaces * chunks, [&](int task) {
-    const int s = task / chunks, first = task % chunks * kRows, count = std::min(kRows, rows - first);
-    for (int t = 0; t < surfaces; ++t) {
-      if (t == s) continue;
-      const Wall& wall = receivers.walls[s];
-      out[s].middleRows(first, count).noalias() += wall.from_blocks[t].middleRows(first, count) * blocks[t];
-      out[s].middleRows(first, count).noalias() += wall.from_receivers[t].middleRows(first, count) * bounced[t];
+  Rgb out = Rgb::Zero(rows, 4);
+  parallel_for((rows + kRows - 1) / kRows, [&](int task) {
+    const int first = task * kRows, count = std::min(kRows, rows - first);
+    for (int t = 0; t < scene_->size(); ++t) {
+      if (wall.from_blocks[t].rows() == 0) continue;
+      out.middleRows(first, count).noalias() += wall.from_blocks[t].middleRows(first, count) * blocks[t];
+      out.middleRows(first, count).noalias() += wall.from_receivers[t].middleRows(first, count) * bounced[t];
     }
   });
   return out;
 }
 
-std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light) const {
-  const int surfaces = scene_->screen().size(), coarse = coarse_.grid.per_surface();
-  std::vector<Rgb> blocks, bounced;
+std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int viewer) const {
+  const int surfaces = scene_->size();
+  std::vector<Rgb> blocks, bounced, irradiance;
   for (int t = 0; t < surfaces; ++t) {
     Rgb b(pairs_[t].size(), 4);
     for (std::size_t i = 0; i < pairs_[t].size(); ++i) {
       const auto [q, block] = pairs_[t][i];
-      b.row(i) = (light[q].block_mean[block] * paint_.base[t]).matrix().transpose();
+      const Light4 sent = q < 0 ? Light4(1, 1, 1, 0) : light[q].block_mean[block];
+      b.row(i) = (sent * paint_.base()[t]).matrix().transpose();
     }
     blocks.push_back(std::move(b));
-    bounced.push_back(Rgb::Zero(coarse, 4));
+    bounced.push_back(Rgb::Zero(coarse_.at[t].size(), 4));
+    irradiance.push_back(bounced.back());
   }
-  std::vector<Rgb> irradiance(surfaces, Rgb::Zero(coarse, 4));
-  for (int bounce = 0; bounce < 200; ++bounce) {  // converges like (albedo times form factor) to the power of bounces
+  for (int bounce = 0; bounce < 1000; ++bounce) {  // converges like (albedo times form factor) to the power of bounces
     for (int t = 0; t < surfaces; ++t)
       bounced[t] = ((irradiance[t].colwise() + coarse_.walls[t].escape * ambient_).array().rowwise() *
-                    paint_.base[t].transpose())
+                    paint_.base()[t].transpose())
                        .matrix();
-    std::vector<Rgb> next = apply(coarse_, blocks, bounced);
     float change = 0, largest = 0;
+    std::vector<Rgb> next;
     for (int t = 0; t < surfaces; ++t) {
+      next.push_back(applied(coarse_.walls[t], coarse_.at[t].size(), blocks, bounced));
       change = std::max(change, (next[t] - irradiance[t]).cwiseAbs().maxCoeff());
       largest = std::max(largest, next[t].cwiseAbs().maxCoeff());
     }
     irradiance = std::move(next);
     if (change <= 1e-6f * largest) break;
   }
-  return apply(fine_, blocks, bounced);
+  std::vector<Rgb> fields;
+  for (int s = 0; s < surfaces; ++s) fields.push_back(applied(fine_.walls[s], fine_.at[s].size(), blocks, bounced));
+  for (int s = 0; s < surfaces; ++s)
+    fields.push_back(paint_.is_glossy(s)
+                         ? applied(fine_.mirrors[viewer][s], fine_.at[s].size(), blocks, bounced)
+                         : Rgb());
+  return fields;
 }
 
 }  // namespace countershade::simdata

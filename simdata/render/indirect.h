@@ -1,13 +1,16 @@
 // Indirect light of a room: gathered from the walls once, then applied to any pattern.
 //
-// Every receiving point x looks at stratified points y of the other walls; each one that it sees adds, per projector
+// Every receiving point x looks at stratified points y of the surfaces; each one that it sees adds, per projector
 // block that lights y, the irradiance at y times albedo (first bounce), and the share by which y's own indirect light
-// counts (all further bounces, whose light is solved for on a coarser grid of receivers):
+// counts (all further bounces, whose light is solved for on fewer receivers):
 //
-//   I(x) = sum_y rho(y) cos_x cos_y dA_y / (pi r^2) (E_direct(y) + A(y) + I(y)),    A = irradiance from the surround
+//   I(x) = sum_y rho(y) cos_x cos_y dA_y / (pi r^2) lobe(y) (E_direct(y) + A(y) + I(y)),  A = irradiance from the surround
 //
 // Strata are split until they are small against their distance, and every one is sampled at a random point and its
-// mirror image, so that the sum is unbiased and its error of second order in the size of the strata.
+// mirror image, so that the sum is unbiased and its error of second order in the size of the strata. Meshes are looked
+// at along cosine-weighted rays instead. Direct light is reflected by the whole lobe of y; light that has bounced
+// already by its directing part, and by its glossy part as if that were diffuse. What a glossy x mirrors towards a
+// camera is gathered per camera, in the same pass.
 #pragma once
 
 #include <Eigen/Dense>
@@ -28,47 +31,57 @@ using Rgb = Eigen::Matrix<float, Eigen::Dynamic, 4, Eigen::RowMajor>;
 
 class IndirectLight {
  public:
+  // viewers: where the cameras stand; they count for glossy surfaces only.
   IndirectLight(std::shared_ptr<const Scene> scene, const std::vector<Emitter>& emitters, const Paint& paint,
-                const Simulation& simulation, Progress& progress);
+                const Simulation& simulation, std::vector<Eigen::Vector3d> viewers, Progress& progress);
 
-  const ReceiverGrid& grid() const { return fine_.grid; }
-  // Share of the surround that a receiver of the grid sees, cosine-weighted.
+  const Receivers& receivers(int surface) const { return fine_.at[surface]; }
+  // Share of the surround that a receiver sees, cosine-weighted.
   const Eigen::VectorXf& escape(int surface) const { return fine_.walls[surface].escape; }
-  // Indirect irradiance at the receivers of the grid, per surface (receivers, 4).
-  std::vector<Rgb> solve(std::span<const PictureLight> light) const;
+  // At the receivers, (receivers, 4) each: per surface the indirect irradiance; then, per surface, what its gloss
+  // mirrors towards the viewer, in the same units (empty where it has none).
+  std::vector<Rgb> solve(std::span<const PictureLight> light, int viewer) const;
+
+  std::int64_t entries() const { return entries_; }  // stored numbers
 
  private:
   using Weights = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  // Rows: receivers of one wall. [t]: light from wall t: per (projector, block) pair, per coarse receiver.
+  // Rows: receivers of one surface. [t]: light from surface t: per (projector, block) pair, per coarse receiver.
   struct Wall {
     std::vector<Weights> from_blocks, from_receivers;
     Eigen::VectorXf escape;
   };
-  struct Receivers {
-    ReceiverGrid grid;
-    std::vector<Wall> walls;
+  struct Standing {
+    std::vector<Receivers> at;               // per surface
+    std::vector<Wall> walls;                 // per surface
+    std::vector<std::vector<Wall>> mirrors;  // [viewer][surface]; of glossy surfaces only
   };
-  void list_pairs(const std::vector<Emitter>& emitters);
-  void gather(Receivers& receivers, const char* stage, Progress& progress) const;
-  void gather_at(Receivers& receivers, int surface, int index) const;
+  void list_pairs();
+  Wall empty_wall(int surface, int rows) const;
+  void gather(Standing& standing, int viewers, const char* stage, Progress& progress);
+  void gather_at(Standing& standing, int surface, int index) const;
+  void gather_mesh(Standing& standing, int surface, int index, Random& random) const;
   struct Cell {
     int surface;
     double u, v, du, dv;  // centre and size
   };
-  void gather_cell(Wall& wall, const ChartPoint& at, int row, const Cell& cell, Random& random, int depth) const;
-  void deposit(Wall& wall, int row, const ChartPoint& y, double weight) const;
-  std::vector<Rgb> apply(const Receivers& receivers, const std::vector<Rgb>& blocks,
-                         const std::vector<Rgb>& bounced) const;
+  void gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
+                   int depth) const;
+  void deposit(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double weight) const;
+  Rgb applied(const Wall& wall, int rows, const std::vector<Rgb>& blocks, const std::vector<Rgb>& bounced) const;
 
   std::shared_ptr<const Scene> scene_;
   const std::vector<Emitter>& emitters_;
   const Paint& paint_;
+  std::vector<Eigen::Vector3d> viewers_;
   int strata_ = 64;
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
+  bool has_mesh_ = false;
+  std::int64_t entries_ = 0;
   std::vector<std::vector<std::vector<int>>> column_;    // [surface][projector][block], -1 = lights it not
-  std::vector<std::vector<std::pair<int, int>>> pairs_;  // [surface][column] = projector, block
-  Receivers fine_, coarse_;
+  std::vector<std::vector<std::pair<int, int>>> pairs_;  // [surface][column] = projector, block; projector -1 = daylight
+  Standing fine_, coarse_;
 };
 
 }  // namespace countershade::simdata

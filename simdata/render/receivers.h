@@ -1,47 +1,56 @@
-// Points of the walls at which indirect light is computed, and interpolation between them.
+// Points of a surface at which indirect light is computed, and interpolation between them.
 #pragma once
 
 #include <Eigen/Dense>
-#include <algorithm>
 #include <array>
-#include <cmath>
+#include <cstdint>
 #include <vector>
 
-#include "calib/geometry/screen.h"
+#include "simdata/render/scene.h"
 
 namespace countershade::simdata {
 
-// nu x nv receivers per surface, index = iv nu + iu. Indirect light has detail of the size of the distance d from the
-// crease, so the columns stand at spacings that grow like sqrt(d): u = t^2 from the crease with t at cell centres.
-class ReceiverGrid {
+// Where receivers stand along one side of a chart: indirect light has detail of the size of the distance d from an edge
+// where surfaces meet, so the spacing grows like sqrt(d) from such an edge.
+class Spacing {
  public:
-  ReceiverGrid() = default;
-  // crease_u[s] = 0 or 1: the side of surface s on which the crease lies.
-  ReceiverGrid(int nu, int nv, std::vector<double> crease_u) : nu_(nu), nv_(nv), crease_u_(std::move(crease_u)) {}
-  int per_surface() const { return nu_ * nv_; }
-  ChartPoint point(int surface, int index) const {
-    const double t = (index % nu_ + 0.5) / nu_, d = t * t;
-    return {surface, crease_u_[surface] > 0.5 ? 1 - d : d, (index / nu_ + 0.5) / nv_};
-  }
-
-  struct Stencil {
-    std::array<int, 4> index;
-    std::array<float, 4> weight;
-  };
-  // Bilinear in (t, v) on one surface only; continued linearly beyond the outermost receivers.
-  Stencil stencil(int surface, double u, double v) const {
-    const double d = std::max(0.0, crease_u_[surface] > 0.5 ? 1 - u : u);
-    const double x = std::sqrt(d) * nu_ - 0.5, y = v * nv_ - 0.5;
-    const int ix = std::clamp(static_cast<int>(std::floor(x)), 0, nu_ - 2);
-    const int iy = std::clamp(static_cast<int>(std::floor(y)), 0, nv_ - 2);
-    const float fx = static_cast<float>(x - ix), fy = static_cast<float>(y - iy);
-    const int i = iy * nu_ + ix;
-    return {{i, i + 1, i + nu_, i + nu_ + 1}, {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy}};
-  }
+  Spacing() = default;
+  // first, last: whether another surface is met at 0 and at 1.
+  Spacing(int count, bool first, bool last) : count_(count), first_(first), last_(last) {}
+  int count() const { return count_; }
+  // Place of the receiver number i, in (0, 1).
+  double place(int i) const { return from_even((i + 0.5) / count_); }
+  // Its inverse: number of the receiver at a place, a fraction between two.
+  double number(double place) const { return to_even(place) * count_ - 0.5; }
 
  private:
-  int nu_ = 2, nv_ = 2;
-  std::vector<double> crease_u_;
+  double from_even(double t) const;
+  double to_even(double place) const;
+  int count_ = 2;
+  bool first_ = false, last_ = false;
+};
+
+class Receivers {
+ public:
+  struct Stencil {
+    std::array<std::uint16_t, 4> index;
+    std::array<float, 4> weight;
+  };
+
+  // About `count` receivers of a surface that has a chart, in rows along its longer side; the corners of a mesh,
+  // whatever `count` says.
+  Receivers(const Scene& scene, int surface, int count);
+
+  int size() const { return static_cast<int>(points_.size()); }
+  const SurfacePoint& point(int index) const { return points_[index]; }
+  // Bilinear on the chart, continued linearly beyond the outermost receivers; linear on a triangle.
+  Stencil stencil(const SurfacePoint& at) const;
+
+ private:
+  void stand_on_mesh(const MeshShape& mesh, int surface);
+  Spacing u_, v_;
+  const MeshShape* mesh_ = nullptr;
+  std::vector<SurfacePoint> points_;
 };
 
 }  // namespace countershade::simdata

@@ -16,8 +16,8 @@ namespace countershade::simdata {
 
 namespace {
 
-// Mean distance from a projector to the walls it lights; 0 when it lights none.
-double working_distance(const Device& projector, const Screen& screen) {
+// Mean distance from a projector to the surfaces it lights; 0 when it lights none.
+double working_distance(const Device& projector, const Scene& scene) {
   double sum = 0;
   int count = 0;
   for (int j = 0; j < 9; ++j)
@@ -25,8 +25,9 @@ double working_distance(const Device& projector, const Screen& screen) {
       const Eigen::Vector2d pixel((i + 0.5) / 9 * projector.lens.width() - 0.5,
                                   (j + 0.5) / 9 * projector.lens.height() - 0.5);
       const Ray ray = projector.ray(pixel);
-      const ChartPoint hit = screen.intersect(ray);
-      if (hit.surface >= 0) sum += (screen.point(hit) - ray.origin).norm(), ++count;
+      const SceneHit hit = scene.look(ray);
+      if (hit.at.surface >= 0 && (hit.front || scene.transmission(hit.at.surface) > 0))
+        sum += (hit.at.x - ray.origin).norm(), ++count;
     }
   return count > 0 ? sum / count : 0;
 }
@@ -65,7 +66,7 @@ const Simulation& Simulator::simulation() const {
   return state_->simulation;
 }
 const Screen& Simulator::screen() const {
-  return state_->scene->screen();
+  return state_->screen;
 }
 double Simulator::scale(int camera) const {
   return state_->views.at(camera)->scale();
@@ -74,32 +75,44 @@ double Simulator::scale(int camera) const {
 Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulation& simulation, Progress& progress) {
   CS_TRY_VOID(check_room(rig, simulation));
   auto state = std::make_unique<State>(rig, simulation);
-  CS_TRY(state->scene, Scene::make(room_screen(simulation)));
+  state->screen = room_screen(simulation);
+  CS_TRY(std::vector<std::shared_ptr<const Shape>> shapes, make_shapes(simulation));
+  CS_TRY_VOID(check_layout(rig, simulation, shapes));
+  std::vector<double> transmission;
+  for (const SimulatedSurface& s : simulation.surfaces) transmission.push_back(s.transmission);
+  CS_TRY(state->scene, Scene::make(std::move(shapes), std::move(transmission)));
   std::vector<Picture> white;
   double power = 0;
   for (const ProjectorSpec& spec : rig.projectors) {
     CS_TRY(const Device device, true_projector(simulation, rig, spec.id));
-    const double distance = working_distance(device, state->scene->screen());
+    const double distance = working_distance(device, *state->scene);
     if (!(distance > 0))
-      return error(ErrorCode::kBadValue, "simulated projector '{}' lights no wall; turn its target to one", spec.id);
+      return error(ErrorCode::kBadValue, "simulated projector '{}' lights no surface; turn its target to one", spec.id);
     state->emitters.emplace_back(projector_of(simulation, spec.id), device, simulation.block_px);
     if (power == 0) power = state->emitters.front().power_for(distance);
     state->emitters.back().set_power(power);
     white.emplace_back(spec.resolution[0], spec.resolution[1], 3, 65535);
   }
-  state->indirect = std::make_unique<IndirectLight>(state->scene, state->emitters, state->paint, simulation, progress);
+  std::vector<Device> cameras;
+  std::vector<Eigen::Vector3d> viewers;
+  for (const CameraSpec& spec : rig.cameras) {
+    CS_TRY(cameras.emplace_back(), true_camera(simulation, spec.id));
+    viewers.push_back(cameras.back().position());
+  }
+  state->indirect = std::make_unique<IndirectLight>(state->scene, state->emitters, state->paint, simulation,
+                                                    std::move(viewers), progress);
   std::shared_ptr<Simulator> simulator(new Simulator(std::move(state)));
   State& made = *simulator->state_;
   for (const CameraSpec& spec : rig.cameras) {
     progress.step("views", static_cast<double>(made.views.size()), static_cast<double>(rig.cameras.size()));
-    CS_TRY(const Device device, true_camera(simulation, spec.id));
+    const Device& device = cameras[made.views.size()];
     made.cameras.push_back(spec);
     made.views.push_back(std::make_unique<View>(camera_of(simulation, spec.id), device, *made.scene, made.emitters,
-                                                made.paint, simulation.ambient));
+                                                made.paint, *made.indirect, simulation.ambient));
     View& view = *made.views.back();
     const float scale = exposure_scale(view, simulator->light(static_cast<int>(made.views.size()) - 1, white));
     if (!(scale > 0))
-      return error(ErrorCode::kBadValue, "simulated camera '{}' sees no lit wall; turn its target to one", spec.id);
+      return error(ErrorCode::kBadValue, "simulated camera '{}' sees no lit surface; turn its target to one", spec.id);
     view.set_scale(scale);
   }
   progress.step("views", 1, 1);
@@ -116,12 +129,12 @@ std::vector<PictureLight> Simulator::State::light_of(std::span<const Picture> pi
 TrueLight Simulator::light(int camera, std::span<const Picture> pictures) const {
   const View& view = *state_->views.at(camera);
   const std::vector<PictureLight> light = state_->light_of(pictures);
-  return {view.direct(light, *state_->indirect), view.reflected(state_->indirect->solve(light), *state_->indirect)};
+  return {view.direct(light, *state_->indirect), view.reflected(state_->indirect->solve(light, camera))};
 }
 
 Image Simulator::total_light(int camera, std::span<const Picture> pictures) const {
   const std::vector<PictureLight> light = state_->light_of(pictures);
-  return state_->views.at(camera)->total(light, state_->indirect->solve(light), *state_->indirect);
+  return state_->views.at(camera)->total(light, state_->indirect->solve(light, camera), *state_->indirect);
 }
 
 Image Simulator::optics(int camera, const Image& light) const {
@@ -140,22 +153,24 @@ TrueGeometry Simulator::geometry(int camera) const {
   const int width = view.spec().resolution[0], height = view.spec().resolution[1];
   constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
   const Image nothing(width, height, 1, kNaN);
-  TrueGeometry g{nothing, Image(width, height, 3, kNaN), Image(width, height, 1, -1), nothing, nothing, {}, {}};
+  TrueGeometry g{nothing, Image(width, height, 3, kNaN), Image(width, height, 1, -1), nothing, nothing,
+                 Image(width, height, 3, kNaN), {}, {}};
   g.projector_x.assign(state_->emitters.size(), nothing);
   g.projector_y = g.projector_x;
-  const Screen& screen = state_->scene->screen();
   parallel_for(height, [&](int y) {
     for (int x = 0; x < width; ++x) {
-      const Ray ray = view.device().ray({static_cast<double>(x), static_cast<double>(y)});
-      const ChartPoint at = screen.intersect(ray);
-      if (at.surface < 0) continue;
-      const Eigen::Vector3d point = screen.point(at), normal = screen.normal(at);
-      g.depth.at(x, y) = static_cast<float>((point - ray.origin).norm());
-      for (int c = 0; c < 3; ++c) g.normal.at(x, y, c) = static_cast<float>(normal[c]);
-      g.surface.at(x, y) = static_cast<float>(at.surface);
-      g.u.at(x, y) = static_cast<float>(at.u), g.v.at(x, y) = static_cast<float>(at.v);
-      for (std::size_t q = 0; q < state_->emitters.size(); ++q)
-        if (const auto beam = state_->emitters[q].beam(*state_->scene, at.surface, point)) {
+      const SceneHit hit = state_->scene->look(view.device().ray({static_cast<double>(x), static_cast<double>(y)}));
+      if (hit.at.surface < 0) continue;
+      const double texture = state_->paint.texture(hit.at);
+      g.depth.at(x, y) = static_cast<float>(hit.t);
+      for (int c = 0; c < 3; ++c) {
+        g.normal.at(x, y, c) = static_cast<float>(hit.at.normal[c]);
+        g.albedo.at(x, y, c) = hit.front ? static_cast<float>(state_->paint.base()[hit.at.surface][c] * texture) : 0;
+      }
+      g.surface.at(x, y) = static_cast<float>(hit.at.surface);
+      g.u.at(x, y) = static_cast<float>(hit.at.u), g.v.at(x, y) = static_cast<float>(hit.at.v);
+      for (std::size_t q = 0; hit.front && q < state_->emitters.size(); ++q)
+        if (const auto beam = state_->emitters[q].beam(*state_->scene, hit.at)) {
           g.projector_x[q].at(x, y) = static_cast<float>(beam->pixel.x());
           g.projector_y[q].at(x, y) = static_cast<float>(beam->pixel.y());
         }

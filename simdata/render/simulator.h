@@ -26,6 +26,7 @@ struct TrueGeometry {
   Image depth;                                  // distance along the ray [m], NaN where nothing is hit
   Image normal;                                 // (height, width, 3), world
   Image surface, u, v;                          // chart point, surface -1 where nothing is hit
+  Image albedo;                                 // (height, width, 3), NaN where nothing is hit
   std::vector<Image> projector_x, projector_y;  // per projector, NaN where it does not light the point
 };
 
@@ -38,6 +39,7 @@ class Simulator {
 
   const Rig& rig() const;
   const Simulation& simulation() const;
+  // The surfaces as planes with charts; empty for a room that has others.
   const Screen& screen() const;
   // Full-scale units per radiosity 1 (reference irradiance, albedo 1) of a camera at the middle of its picture.
   double scale(int camera) const;

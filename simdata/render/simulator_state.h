@@ -14,6 +14,7 @@ struct Simulator::State {
   Rig rig;
   Simulation simulation;
   Paint paint;
+  Screen screen;
   std::shared_ptr<const Scene> scene;
   std::vector<Emitter> emitters;
   std::unique_ptr<IndirectLight> indirect;

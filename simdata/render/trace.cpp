@@ -17,28 +17,34 @@ struct PathTracer {
   const std::vector<PictureLight>& light;
   double ambient;
 
-  Eigen::Vector3d bounce(const ChartPoint& from, Random& random) const {
-    const double a = random.uniform(), b = random.uniform();
-    return cosine_direction(scene.screen().normal(from), scene.plane(from.surface).along_u(), a, b);
+  // Direct light that leaves a point towards `out`, times pi / albedo.
+  Eigen::Array3d direct(const SurfacePoint& at, const Eigen::Vector3d& out) const {
+    Eigen::Array3d sum = Eigen::Array3d::Constant(paint.daylight(at) * (paint.directed(at, out) + paint.gloss(at.surface)));
+    for (std::size_t q = 0; q < emitters.size(); ++q)
+      if (const auto beam = emitters[q].beam(scene, at, emitters[q].margin())) {
+        const double lobe = beam->from_behind ? paint.directed(at, out) + paint.gloss(at.surface)
+                                              : paint.lobe(at, beam->to_projector, out);
+        const Light4 sent = light[q].at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()));
+        sum += lobe * beam->irradiance * sent.head<3>().cast<double>();
+      }
+    return sum;
   }
 
-  // Irradiance that arrives at `start` after at least one reflection: one sample.
-  Eigen::Array3d path(const ChartPoint& start, Random& random) const {
+  // Light that arrives at `start` after at least one reflection and leaves it towards `out`, times pi / albedo: one
+  // sample.
+  Eigen::Array3d path(const SurfacePoint& start, Eigen::Vector3d out, Random& random) const {
     Eigen::Array3d sum = Eigen::Array3d::Zero(), throughput = Eigen::Array3d::Ones();
-    ChartPoint at = start;
+    SurfacePoint at = start;
     for (int vertex = 0;; ++vertex) {
-      const SceneHit hit = scene.hit(at.surface, scene.screen().point(at), bounce(at, random));
+      const double a = random.uniform(), b = random.uniform();
+      const Eigen::Vector3d in = cosine_direction(at.normal, at.along_u, a, b);
+      throughput *= paint.lobe(at, in, out);
+      const SceneHit hit = scene.hit(at, in);
       if (hit.at.surface < 0) return vertex == 0 ? sum : sum + throughput * ambient;
       if (!hit.front) return sum;
-      at = hit.at;
-      throughput *= paint.base[at.surface].head<3>().cast<double>() * paint.texture(at.surface, at.u, at.v);
-      for (std::size_t q = 0; q < emitters.size(); ++q)
-        if (const auto beam = emitters[q].beam(scene, at.surface, scene.screen().point(at), emitters[q].margin()))
-          sum += throughput * beam->irradiance *
-                 light[q]
-                     .at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()))
-                     .head<3>()
-                     .cast<double>();
+      at = hit.at, out = -in;
+      throughput *= paint.base()[at.surface].head<3>().cast<double>() * paint.texture(at);
+      sum += throughput * direct(at, out);
       const double survives = std::min(1.0, throughput.maxCoeff());  // Russian roulette
       if (random.uniform() >= survives) return sum;
       throughput /= survives;
@@ -57,15 +63,17 @@ Simulator::Traced Simulator::trace_indirect(int camera, std::span<const Picture>
   const int channels = view.spec().channels;
   Traced traced{std::vector<double>(pixels.size() * channels, 0), std::vector<double>(pixels.size() * channels, 0)};
   parallel_for(static_cast<int>(pixels.size()), [&](int i) {
-    const ChartPoint at = screen().intersect(view.device().ray(pixels[i]));
-    if (at.surface < 0) return;
-    const Eigen::Array3d reflected = state_->paint.base[at.surface].head<3>().cast<double>() *
-                                     state_->paint.texture(at.surface, at.u, at.v) * view.scale() *
+    const Ray ray = view.device().ray(pixels[i]);
+    const SceneHit seen = state_->scene->look(ray);
+    if (seen.at.surface < 0 || !seen.front) return;
+    const Eigen::Vector3d to_camera = -ray.direction.normalized();
+    const Eigen::Array3d reflected = state_->paint.base()[seen.at.surface].head<3>().cast<double>() *
+                                     state_->paint.texture(seen.at) * view.scale() *
                                      view.transmission(pixels[i].x(), pixels[i].y());
     Random random(mix(state_->simulation.seed ^ hash_name("trace")) ^ mix(static_cast<std::uint64_t>(i)));
     Eigen::Array3d sum = Eigen::Array3d::Zero(), squares = Eigen::Array3d::Zero();
     for (int k = 0; k < paths; ++k) {
-      Eigen::Array3d sample = reflected * tracer.path(at, random);
+      Eigen::Array3d sample = reflected * tracer.path(seen.at, to_camera, random);
       if (channels == 1) sample.setConstant(sample.mean());
       sum += sample, squares += sample * sample;
     }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include "calib/base/parallel.h"
 
@@ -11,7 +12,7 @@ namespace {
 
 constexpr int kSub = 2;  // rays per pixel along each axis
 
-Light4 interpolated(const Rgb& field, const ReceiverGrid::Stencil& s) {
+Light4 interpolated(const Rgb& field, const Receivers::Stencil& s) {
   Light4 sum = Light4::Zero();
   for (int i = 0; i < 4; ++i) sum += s.weight[i] * field.row(s.index[i]).transpose().array();
   return sum.max(0.0f);  // continued beyond the outermost receivers it may fall below
@@ -20,15 +21,21 @@ Light4 interpolated(const Rgb& field, const ReceiverGrid::Stencil& s) {
 }  // namespace
 
 View::View(const SimulatedCamera& spec, const Device& device, const Scene& scene, const std::vector<Emitter>& emitters,
-           const Paint& paint, double ambient)
-    : spec_(spec), device_(device), base_(paint.base), paint_(paint), ambient_(static_cast<float>(ambient)) {
+           const Paint& paint, const IndirectLight& indirect, double ambient)
+    : spec_(spec),
+      device_(device),
+      base_(paint.base()),
+      surfaces_(scene.size()),
+      paint_(paint),
+      ambient_(static_cast<float>(ambient)) {
+  base_.insert(base_.end(), paint.base().begin(), paint.base().end());
   const int height = spec.resolution[1];
   walls_.resize(height);
-  beams_.assign(emitters.size(), std::vector<std::vector<BeamSample>>(height));
-  parallel_for(height, [&](int y) { sample_row(y, scene, emitters); });
+  beams_.assign(emitters.size() + 1, std::vector<std::vector<BeamSample>>(height));
+  parallel_for(height, [&](int y) { sample_row(y, scene, emitters, indirect); });
   std::size_t seen = 0;
   for (const auto& row : walls_)
-    for (const WallSample& w : row) seen += w.surface != kNone;
+    for (const WallSample& w : row) seen += w.field < surfaces_;
   coverage_ = static_cast<double>(seen) / (static_cast<double>(spec.resolution[0]) * height);
 }
 
@@ -38,35 +45,73 @@ double View::transmission(double x, double y) const {
   return 1 - spec_.vignetting * 4 * (dx * dx + dy * dy) / (width * width + height * height);
 }
 
-void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters) {
+namespace {
+
+// What the subsamples of one pixel see: charts are averaged per surface, since light is smooth on them.
+struct Seen {
+  SurfacePoint at;
+  double factor = 0;
+  int count = 0;
+};
+
+}  // namespace
+
+void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters, const IndirectLight& indirect) {
   const Pose world_from_device = device_.device_from_world.inverse();
   constexpr double kShare = 1.0 / (kSub * kSub);
+  const auto none = static_cast<int>(kNone);
   for (int x = 0; x < spec_.resolution[0]; ++x) {
     const double kept = transmission(x, y) * kShare;
-    std::array<WallSample, kSub * kSub> walls;
-    std::array<int, kSub * kSub> counts;
-    int distinct = 0;
+    const auto column = static_cast<std::uint16_t>(x);
+    std::vector<Seen> seen;
     for (int k = 0; k < kSub * kSub; ++k) {
       const Eigen::Vector2d q(x + (k % kSub + 0.5) / kSub - 0.5, y + (k / kSub + 0.5) / kSub - 0.5);
       const Ray ray{world_from_device.translation, world_from_device.rotation * device_.lens.unproject(q)};
-      const ChartPoint at = scene.screen().intersect(ray);
-      const auto surface = at.surface < 0 ? kNone : static_cast<std::uint16_t>(at.surface);
-      const double painted = at.surface < 0 ? kept : kept * paint_.texture(at.surface, at.u, at.v);
-      int i = 0;
-      while (i < distinct && walls[i].surface != surface) ++i;
-      if (i == distinct) walls[i] = {0, 0, 0, static_cast<std::uint16_t>(x), surface}, counts[i] = 0, ++distinct;
-      walls[i].u += static_cast<float>(at.u), walls[i].v += static_cast<float>(at.v);
-      walls[i].factor += static_cast<float>(painted), ++counts[i];
-      if (at.surface < 0) continue;
+      SceneHit hit = scene.look(ray);
+      if (hit.at.surface >= 0 && !hit.front) continue;  // the back of a surface is black
+      if (hit.at.surface < 0) hit.at.surface = none;
+      const bool lit = hit.at.surface != none;
+      const double painted = lit ? kept * paint_.texture(hit.at) : kept;
+      const bool averaged = !lit || scene.shape(hit.at.surface).form() != Shape::Form::kMesh;
+      auto same = std::find_if(seen.begin(), seen.end(), [&](const Seen& s) {
+        return averaged && s.at.surface == hit.at.surface && std::abs(s.at.u / s.count - hit.at.u) < 0.5;  // no seam
+      });
+      if (same == seen.end()) {
+        seen.push_back({hit.at, painted, 1});
+      } else {
+        same->at.u += hit.at.u, same->at.v += hit.at.v, same->at.x += hit.at.x;
+        same->factor += painted, ++same->count;
+      }
+      if (!lit) continue;
+      const auto surface = static_cast<std::uint16_t>(hit.at.surface);
+      const Eigen::Vector3d to_camera = -ray.direction.normalized();
       for (std::size_t p = 0; p < emitters.size(); ++p)
-        if (const auto beam = emitters[p].beam(scene, at.surface, scene.screen().point(at), emitters[p].margin()))
+        if (const auto beam = emitters[p].beam(scene, hit.at, emitters[p].margin())) {
+          const double lobe = beam->from_behind ? paint_.directed(hit.at, to_camera) + paint_.gloss(surface)
+                                                : paint_.lobe(hit.at, beam->to_projector, to_camera);
           beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
-                                  static_cast<float>(painted * beam->irradiance), static_cast<std::uint16_t>(x),
-                                  surface});
+                                  static_cast<float>(painted * lobe * beam->irradiance), column, surface});
+        }
+      if (const double daylight = paint_.daylight(hit.at); daylight > 0)
+        beams_.back()[y].push_back(
+            {0, 0, static_cast<float>(painted * daylight * (paint_.directed(hit.at, to_camera) + paint_.gloss(surface))),
+             column, surface});
     }
-    for (int i = 0; i < distinct; ++i) {
-      walls[i].u /= static_cast<float>(counts[i]), walls[i].v /= static_cast<float>(counts[i]);
-      walls_[y].push_back(walls[i]);
+    for (Seen& s : seen) {
+      if (s.at.surface == none) {
+        walls_[y].push_back({{}, static_cast<float>(s.factor), column, kNone});
+        continue;
+      }
+      s.at.u /= s.count, s.at.v /= s.count, s.at.x /= s.count;
+      const int surface = s.at.surface;
+      const Receivers::Stencil stencil = indirect.receivers(surface).stencil(s.at);
+      const Eigen::Vector3d to_camera = (world_from_device.translation - s.at.x).normalized();
+      const double directed = paint_.is_diffuse(surface) ? 1 : paint_.directed(s.at, to_camera);
+      walls_[y].push_back(
+          {stencil, static_cast<float>(s.factor * directed), column, static_cast<std::uint16_t>(surface)});
+      if (paint_.is_glossy(surface))
+        walls_[y].push_back({stencil, static_cast<float>(s.factor), column,
+                             static_cast<std::uint16_t>(surfaces_ + surface)});
     }
   }
   for (auto& rows : beams_) rows[y].shrink_to_fit();
@@ -85,27 +130,25 @@ void View::write_row(Image& image, int y, const std::vector<Light4>& row) const 
 
 void View::add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
                       std::vector<Light4>& row) const {
-  for (std::size_t p = 0; p < beams_.size(); ++p)
+  for (std::size_t p = 0; p < light.size(); ++p)
     for (const BeamSample& s : beams_[p][y]) row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
+  for (const BeamSample& s : beams_.back()[y]) row[s.column] += base_[s.surface] * s.factor;
   if (ambient_ > 0)
     for (const WallSample& w : walls_[y]) {
-      if (w.surface == kNone) {
+      if (w.field == kNone) {
         row[w.column] += ambient_ * w.factor;
         continue;
       }
-      const auto stencil = indirect.grid().stencil(w.surface, w.u, w.v);
+      if (w.field >= surfaces_) continue;
       float open = 0;
-      for (int i = 0; i < 4; ++i) open += stencil.weight[i] * indirect.escape(w.surface)[stencil.index[i]];
-      row[w.column] += base_[w.surface] * (w.factor * ambient_ * open);
+      for (int i = 0; i < 4; ++i) open += w.stencil.weight[i] * indirect.escape(w.field)[w.stencil.index[i]];
+      row[w.column] += base_[w.field] * (w.factor * ambient_ * open);
     }
 }
 
-void View::add_reflected(int y, const std::vector<Rgb>& field, const IndirectLight& indirect,
-                         std::vector<Light4>& row) const {
+void View::add_reflected(int y, const std::vector<Rgb>& field, std::vector<Light4>& row) const {
   for (const WallSample& w : walls_[y])
-    if (w.surface != kNone)
-      row[w.column] +=
-          base_[w.surface] * w.factor * interpolated(field[w.surface], indirect.grid().stencil(w.surface, w.u, w.v));
+    if (w.field != kNone) row[w.column] += base_[w.field] * w.factor * interpolated(field[w.field], w.stencil);
 }
 
 template <class AddRow>
@@ -123,15 +166,15 @@ Image View::direct(std::span<const PictureLight> light, const IndirectLight& ind
   return image_of([&](int y, std::vector<Light4>& row) { add_direct(y, light, indirect, row); });
 }
 
-Image View::reflected(const std::vector<Rgb>& field, const IndirectLight& indirect) const {
-  return image_of([&](int y, std::vector<Light4>& row) { add_reflected(y, field, indirect, row); });
+Image View::reflected(const std::vector<Rgb>& field) const {
+  return image_of([&](int y, std::vector<Light4>& row) { add_reflected(y, field, row); });
 }
 
 Image View::total(std::span<const PictureLight> light, const std::vector<Rgb>& field,
                   const IndirectLight& indirect) const {
   return image_of([&](int y, std::vector<Light4>& row) {
     add_direct(y, light, indirect, row);
-    add_reflected(y, field, indirect, row);
+    add_reflected(y, field, row);
   });
 }
 

@@ -13,11 +13,11 @@ namespace countershade::simdata {
 class View {
  public:
   View(const SimulatedCamera& spec, const Device& device, const Scene& scene, const std::vector<Emitter>& emitters,
-       const Paint& paint, double ambient);
+       const Paint& paint, const IndirectLight& indirect, double ambient);
 
   const SimulatedCamera& spec() const { return spec_; }
   const Device& device() const { return device_; }
-  // Share of the picture's pixels that see a wall.
+  // Share of the picture's pixels that see a surface's lit side.
   double coverage() const { return coverage_; }
   // Radiosity to full scale at the reference exposure, vignetting left out.
   float scale() const { return scale_; }
@@ -27,37 +27,38 @@ class View {
 
   // First hits, (height, width, channels), times scale.
   Image direct(std::span<const PictureLight> light, const IndirectLight& indirect) const;
-  // The indirect irradiance `field` (receivers of indirect.grid(), per surface), reflected.
-  Image reflected(const std::vector<Rgb>& field, const IndirectLight& indirect) const;
+  // The indirect light `field`, as IndirectLight::solve gives it for this camera, reflected.
+  Image reflected(const std::vector<Rgb>& field) const;
   // Both together.
   Image total(std::span<const PictureLight> light, const std::vector<Rgb>& field, const IndirectLight& indirect) const;
 
  private:
-  struct BeamSample {  // one subsample that one projector lights
+  struct BeamSample {  // one subsample that one projector, or daylight, lights
     float x, y, factor;
     std::uint16_t column, surface;
   };
   struct WallSample {  // one surface seen by one pixel; surface = kNone: the surround
-    float u, v, factor;
-    std::uint16_t column, surface;
+    Receivers::Stencil stencil;
+    float factor;
+    std::uint16_t column, field;  // field: the surface, or surfaces + surface for what its gloss mirrors
   };
   static constexpr std::uint16_t kNone = 0xffff;
-  void sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters);
+  void sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters, const IndirectLight& indirect);
   void add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
                   std::vector<Light4>& row) const;
-  void add_reflected(int y, const std::vector<Rgb>& field, const IndirectLight& indirect,
-                     std::vector<Light4>& row) const;
+  void add_reflected(int y, const std::vector<Rgb>& field, std::vector<Light4>& row) const;
   template <class AddRow>
   Image image_of(AddRow add_row) const;
   void write_row(Image& image, int y, const std::vector<Light4>& row) const;
 
   SimulatedCamera spec_;
   Device device_;
-  std::vector<Light4> base_;
+  std::vector<Light4> base_;  // per field
+  int surfaces_ = 0;
   const Paint& paint_;
   float ambient_ = 0, scale_ = 1;
   double coverage_ = 0;
-  std::vector<std::vector<std::vector<BeamSample>>> beams_;  // [projector][row]
+  std::vector<std::vector<std::vector<BeamSample>>> beams_;  // [projector, at last daylight][row]
   std::vector<std::vector<WallSample>> walls_;               // [row]
 };
 

@@ -1,30 +1,52 @@
-// The albedo of the walls.
+// How the surfaces of a room reflect light.
+//
+// A point lit by irradiance E from direction i leaves towards o the radiance
+//
+//   L = albedo E / pi  lobe(i, o),     lobe = (1 - gloss) directing(o) + gloss pi ggx(i, o)
+//
+// with the integral of lobe cos(o) / pi over the hemisphere 1 (directing, exactly) or a little less (ggx: masking).
 #pragma once
 
 #include <Eigen/Dense>
-#include <cmath>
+#include <array>
 #include <vector>
 
 #include "calib/file/rig.h"
+#include "simdata/room/shape.h"
 
 namespace countershade::simdata {
 
-// albedo = base[surface] (per channel) times texture(surface, u, v) (a slow variation, the same for all channels).
-struct Paint {
-  std::vector<Eigen::Array4f> base;
-  double amplitude = 0;
+// BRDF of a rough mirror without losses but masking, divided by 1: D G / (4 cos_i cos_o) with the GGX distribution and
+// the height-correlated Smith term (Walter 2007; Heitz 2014). Directions are unit and leave the surface; 0 below it.
+double ggx(const Eigen::Vector3d& normal, const Eigen::Vector3d& in, const Eigen::Vector3d& out, double alpha);
 
-  explicit Paint(const Simulation& s) : amplitude(s.texture) {
-    for (const auto& albedo : {s.left_albedo, s.right_albedo})
-      base.emplace_back(static_cast<float>(albedo[0]), static_cast<float>(albedo[1]), static_cast<float>(albedo[2]),
-                        0.0f);
-  }
-  // 1 - amplitude .. 1 + amplitude; different on every surface, symmetric in nothing.
-  double texture(int surface, double u, double v) const {
-    if (amplitude == 0) return 1;
-    return 1 +
-           amplitude * std::sin(2.9 * u + 1.7 * v + 0.8 + 1.9 * surface) * std::cos(4.3 * v - 1.1 * u + 0.3 * surface);
-  }
+class Paint {
+ public:
+  explicit Paint(const Simulation& simulation);
+
+  // Of every surface, per channel, and one idle lane.
+  const std::vector<Eigen::Array4f>& base() const { return base_; }
+  // Albedo of a point against its surface's: the texture times the patchwork.
+  double texture(const SurfacePoint& at) const;
+  bool is_glossy(int surface) const { return of_[surface].gloss > 0; }
+  bool is_diffuse(int surface) const { return of_[surface].gloss == 0 && of_[surface].directing == 0; }
+  double gloss(int surface) const { return of_[surface].gloss; }
+  // Both directions unit, away from the point.
+  double lobe(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const;
+  // The two parts of lobe: what does not depend on where the light comes from, and what does.
+  double directed(const SurfacePoint& at, const Eigen::Vector3d& out) const;
+  double glossy(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const;
+  // Share of light from behind that the screen lets through, in albedos.
+  double transmission(int surface) const { return of_[surface].transmission; }
+  // Irradiance by daylight.
+  double daylight(const SurfacePoint& at) const;
+  bool has_daylight(int surface) const { return of_[surface].daylight > 0; }
+
+ private:
+  std::vector<SimulatedSurface> of_;
+  std::vector<Eigen::Array4f> base_;
+  std::vector<double> directing_scale_;  // 1 / (its integral for the tilt)
+  std::uint64_t seed_ = 1;
 };
 
 }  // namespace countershade::simdata

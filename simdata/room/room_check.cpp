@@ -12,23 +12,50 @@ Result<void> within(const std::string& name, double value, double low, double hi
   return error(ErrorCode::kBadValue, "[simulation] {} = {} is outside {} to {}", name, value, low, high);
 }
 
+Result<void> check_surface(const SimulatedSurface& s) {
+  const std::string what = "surface '" + s.id + "'";
+  for (double v : s.origin) CS_TRY_VOID(within(what + " origin", v, -1e3, 1e3));
+  for (double v : s.along_u) CS_TRY_VOID(within(what + " along_u", v, -1e3, 1e3));
+  for (double v : s.along_v) CS_TRY_VOID(within(what + " along_v", v, -1e3, 1e3));
+  CS_TRY_VOID(within(what + " radius", s.radius, 1e-3, 1e3));
+  CS_TRY_VOID(within(what + " top_radius", s.top_radius, 0, 1e3));
+  CS_TRY_VOID(within(what + " height", s.height, 1e-3, 1e3));
+  CS_TRY_VOID(within(what + " azimuth_deg", s.azimuth_deg[1] - s.azimuth_deg[0], 1e-3, 360));
+  CS_TRY_VOID(within(what + " elevation_deg", s.elevation_deg[1] - s.elevation_deg[0], 1e-3, 180));
+  CS_TRY_VOID(within(what + " texture", s.texture, 0, 0.9));
+  CS_TRY_VOID(within(what + " patchwork", s.patchwork, 0, 0.9));
+  CS_TRY_VOID(within(what + " gloss", s.gloss, 0, 1));
+  CS_TRY_VOID(within(what + " roughness", s.roughness, 0.1, 1));
+  CS_TRY_VOID(within(what + " directing", s.directing, 0, 100));
+  for (double tilt : s.directing_tilt_deg) CS_TRY_VOID(within(what + " directing_tilt_deg", tilt, -60, 60));
+  CS_TRY_VOID(within(what + " transmission", s.transmission, 0, 100));
+  CS_TRY_VOID(within(what + " daylight", s.daylight, 0, 100));
+  const double most = (1 + s.texture) * (1 + s.patchwork);
+  for (double a : s.albedo) {
+    CS_TRY_VOID(within(what + " albedo", a, 0, 1));
+    if (a * most > 1)
+      return error(ErrorCode::kBadValue,
+                   "[simulation] {}: albedo {} times texture and patchwork is {:.3f} at most; more light than arrives "
+                   "cannot be reflected: lower one of them",
+                   what, a, a * most);
+    if (a * most * (1 + s.transmission) > 1 && s.transmission > 0)
+      return error(ErrorCode::kBadValue,
+                   "[simulation] {}: albedo {} and a transmission of {} albedos make more light than arrives; lower one "
+                   "of them",
+                   what, a * most, s.transmission);
+  }
+  return {};
+}
+
 Result<void> check_walls(const Simulation& s) {
-  if (s.room != "two-wall")
-    return error(ErrorCode::kUnsupported, "[simulation] room = '{}' cannot be simulated; only 'two-wall' can", s.room);
-  CS_TRY_VOID(within("angle_deg", s.angle_deg, 15, 175));
-  for (const auto& [name, size] : {std::pair{"left_size", s.left_size}, std::pair{"right_size", s.right_size}})
-    for (double metres : size) CS_TRY_VOID(within(name, metres, 1e-3, 1e3));
-  CS_TRY_VOID(within("left_rise", s.left_rise, -1e3, 1e3));
-  CS_TRY_VOID(within("right_rise", s.right_rise, -1e3, 1e3));
-  CS_TRY_VOID(within("texture", s.texture, 0, 0.9));
-  for (const auto& [name, albedo] :
-       {std::pair{"left_albedo", s.left_albedo}, std::pair{"right_albedo", s.right_albedo}})
-    for (double a : albedo) {
-      CS_TRY_VOID(within(name, a, 0, 1));
-      if (a * (1 + s.texture) > 1)
-        return error(ErrorCode::kBadValue, "[simulation] {} {} with texture {} reflects more light than arrives", name,
-                     a, s.texture);
-    }
+  if (s.surfaces.empty())
+    return error(ErrorCode::kBadValue,
+                 "[simulation] has no surface, so there is no room; add a [[simulation.surface]] (`countershade new "
+                 "two-wall` writes two)");
+  if (s.surfaces.size() > 100)
+    return error(ErrorCode::kBadValue, "[simulation] has {} surfaces; at most 100 are possible: join them to a mesh",
+                 s.surfaces.size());
+  for (const SimulatedSurface& surface : s.surfaces) CS_TRY_VOID(check_surface(surface));
   CS_TRY_VOID(within("ambient", s.ambient, 0, 100));
   CS_TRY_VOID(within("samples", s.samples, 16, 1 << 22));
   return within("block_px", s.block_px, 1, 4096);

@@ -5,36 +5,18 @@
 #include <optional>
 
 #include "calib/base/random.h"
-#include "simdata/room/rooms.h"
+#include "simdata/room/framing.h"
 
 namespace countershade::simdata {
 
 namespace {
 
-std::array<double, 3> array(const Eigen::Vector3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
-struct Box {
-  Eigen::Vector2d low = Eigen::Vector2d::Constant(HUGE_VAL), high = Eigen::Vector2d::Constant(-HUGE_VAL);
-};
-
-// None where a point is not in front of the device.
-std::optional<Box> box_of(const Device& device, const std::vector<Eigen::Vector3d>& points) {
-  Box box;
-  for (const Eigen::Vector3d& x : points) {
-    const Eigen::Vector2d q = device.project(x);
-    if (!q.allFinite()) return std::nullopt;
-    box.low = box.low.cwiseMin(q), box.high = box.high.cwiseMax(q);
-  }
-  return box;
-}
-
-// The world point under the pixel that lies `move` from the lens axis' pixel.
-std::array<double, 3> turned(const Device& device, const Eigen::Vector2d& move, double distance) {
-  const std::vector<double>& k = device.lens.intrinsics();
-  const Ray ray = device.ray({k[2] + move.x(), k[3] + move.y()});
-  return array(ray.origin + distance * ray.direction);
+std::vector<Eigen::Vector3d> wall_points(const Simulation& room) {
+  std::vector<Eigen::Vector3d> points;
+  for (const auto& wall : room_screen(room).surfaces)
+    for (double u : {0.0, 0.5, 1.0})
+      for (double v : {0.0, 1.0}) points.push_back(wall->point(u, v));
+  return points;
 }
 
 // Where a projector stands in front of its wall, before it is aimed.
@@ -45,8 +27,10 @@ struct Mount {
 };
 
 // Moves a projector back and turns it until its picture just covers its wall and the spill; false where it cannot.
-bool place_projector(const Rig& rig, const Simulation& room, bool left, const Mount& mount, SimulatedProjector& p) {
-  const Screen screen = room_screen(room);
+bool place_projector(const Rig& rig, const TwoWalls& room, bool left, const Mount& mount, SimulatedProjector& p) {
+  Simulation probe;
+  probe.surfaces = surfaces_of(room);
+  const Screen screen = room_screen(probe);
   const Surface& wall = *screen.surfaces[left ? 0 : 1];
   const Surface& neighbour = *screen.surfaces[left ? 1 : 0];
   const double outer = left ? 0 : 1, width = (left ? room.left_size : room.right_size)[0];
@@ -68,7 +52,6 @@ bool place_projector(const Rig& rig, const Simulation& room, bool left, const Mo
     Eigen::Vector3d at = wall.point(0.5, 0.5) + mount.along * outward + distance * wall.normal(0.5, 0.5);
     at.y() = rise + high / 2 + p.lens_shift[1] * picture_height + mount.height;
     p.position = array(at);
-    Simulation probe = room;
     probe.projectors = {p};
     const Device device = true_projector(probe, rig, p.id).value();
     const auto found = box_of(device, cover);
@@ -84,69 +67,6 @@ bool place_projector(const Rig& rig, const Simulation& room, bool left, const Mo
     if (!std::isfinite(p.target[0]) || !(distance < 20)) return false;
   }
   return true;
-}
-
-// Turns a camera and sets its focal length so that both walls fill the picture but for a rim of 2 %; false where it
-// cannot.
-bool aim_camera(const Simulation& room, SimulatedCamera& c) {
-  const Screen screen = room_screen(room);
-  std::vector<Eigen::Vector3d> corners;
-  for (const auto& wall : screen.surfaces)
-    for (double u : {0.0, 0.5, 1.0})
-      for (double v : {0.0, 1.0}) corners.push_back(wall->point(u, v));
-  c.target = array(screen.surfaces[0]->point(1, 0.5));
-  const Eigen::Vector2d picture(c.resolution[0], c.resolution[1]);
-  for (int i = 0; i < 100; ++i) {
-    Simulation probe = room;
-    probe.cameras = {c};
-    const Device device = true_camera(probe, c.id).value();
-    const auto box = box_of(device, corners);
-    if (!box) return false;
-    c.focal_px *= (0.96 * picture.array() / (box->high - box->low).array()).minCoeff();
-    c.target = turned(device, (box->low + box->high - picture + Eigen::Vector2d::Ones()) / 2, 4);
-    if (!std::isfinite(c.target[0]) || !(c.focal_px > 100)) return false;
-  }
-  return true;
-}
-
-// What studies hold fixed (sensor, pictures, black level) is the default of the structs.
-RigAndRoom blank() {
-  RigAndRoom made;
-  CameraSpec camera;
-  camera.id = "camera";
-  camera.backend = "simulated";
-  camera.model = "camera.cameramodel";
-  camera.full_scale = 4095;
-  made.rig.cameras = {camera};
-  SimulatedCamera true_camera;
-  true_camera.id = camera.id;
-  made.simulation.cameras = {true_camera};
-  for (const char* id : {"left", "right"}) {
-    ProjectorSpec spec;
-    spec.id = id;
-    spec.resolution = {1280, 800};
-    spec.black_level = 0.001;
-    made.rig.projectors.push_back(spec);
-    SimulatedProjector projector;
-    projector.id = id;
-    made.simulation.projectors.push_back(projector);
-  }
-  return made;
-}
-
-// To a decimal fraction: unit = 1 / (a power of ten).
-double rounded(double value, double unit) {
-  return std::round(value / unit) / std::round(1 / unit);
-}
-
-// What an operator would type: millimetres and tenths of a pixel. Nothing depends on more digits.
-void round_numbers(Simulation& s) {
-  for (SimulatedCamera& c : s.cameras) {
-    for (int k = 0; k < 3; ++k) c.position[k] = rounded(c.position[k], 1e-3), c.target[k] = rounded(c.target[k], 1e-3);
-    c.focal_px = rounded(c.focal_px, 0.1);
-  }
-  for (SimulatedProjector& p : s.projectors)
-    for (int k = 0; k < 3; ++k) p.position[k] = rounded(p.position[k], 1e-3), p.target[k] = rounded(p.target[k], 1e-3);
 }
 
 // Least and largest distance from the crease, along the neighbour, that the crease-side edge of a picture reaches.
@@ -195,7 +115,7 @@ std::array<double, 3> tinted(Random& random) {
   return tint;
 }
 
-bool draw_projector(Random& random, RigAndRoom& made, bool left) {
+bool draw_projector(Random& random, const TwoWalls& walls, RigAndRoom& made, bool left) {
   SimulatedProjector& p = made.simulation.projectors[left ? 0 : 1];
   p.throw_ratio = rounded(random.uniform(1.0, 1.6), 1e-3);
   const double side = random.uniform() < 0.5 ? -1 : 1;
@@ -208,59 +128,84 @@ bool draw_projector(Random& random, RigAndRoom& made, bool left) {
   mount.along = random.uniform(-0.35, 0.35);
   mount.height = random.uniform(-0.2, 0.2);
   mount.spill = random.uniform(0.32, 0.45);
-  return place_projector(made.rig, made.simulation, left, mount, p);
+  return place_projector(made.rig, walls, left, mount, p);
 }
 
 std::optional<RigAndRoom> draw_room(Random& random) {
-  RigAndRoom made = blank();
+  RigAndRoom made = blank_room({"left", "right"});
   Simulation& s = made.simulation;
-  s.angle_deg = rounded(random.uniform(80, 110), 0.01);
-  for (auto* size : {&s.left_size, &s.right_size}) {
+  TwoWalls walls;
+  walls.angle_deg = rounded(random.uniform(80, 110), 0.01);
+  for (auto* size : {&walls.left_size, &walls.right_size}) {
     (*size)[0] = rounded(random.uniform(2.4, 3.6), 1e-3);
     (*size)[1] = rounded(std::clamp((*size)[0] * random.uniform(0.6, 0.7), 1.8, 2.4), 1e-3);
   }
-  s.left_rise = rounded(random.uniform(0, 0.3), 1e-3);
-  s.right_rise = rounded(s.left_rise + random.uniform(-0.1, 0.1), 1e-3);
-  s.left_albedo = tinted(random);
-  s.right_albedo = tinted(random);
+  walls.left_rise = rounded(random.uniform(0, 0.3), 1e-3);
+  walls.right_rise = rounded(walls.left_rise + random.uniform(-0.1, 0.1), 1e-3);
+  walls.left_albedo = tinted(random);
+  walls.right_albedo = tinted(random);
+  s.surfaces = surfaces_of(walls);
   for (bool left : {true, false})
-    if (!draw_projector(random, made, left)) return std::nullopt;
+    if (!draw_projector(random, walls, made, left)) return std::nullopt;
   SimulatedCamera& c = s.cameras[0];
   const double bearing = random.uniform(-12, 12) * std::numbers::pi / 180, distance = random.uniform(4.2, 5.2);
-  c.position = {distance * std::sin(bearing), s.left_rise + random.uniform(0.7, 1.7), distance * std::cos(bearing)};
+  c.position = {distance * std::sin(bearing), walls.left_rise + random.uniform(0.7, 1.7), distance * std::cos(bearing)};
   c.roll_deg = rounded(random.uniform(-2, 2), 0.01);
   c.distortion = {rounded(random.uniform(-0.12, 0.02), 1e-4), rounded(random.uniform(-0.01, 0.03), 1e-4),
                   rounded(random.uniform(-5e-4, 5e-4), 1e-6), rounded(random.uniform(-5e-4, 5e-4), 1e-6), 0};
   c.principal = {rounded(959.5 + random.uniform(-12, 12), 0.1), rounded(599.5 + random.uniform(-12, 12), 0.1)};
-  if (!aim_camera(s, c)) return std::nullopt;
+  if (!aim_camera(wall_points(s), c)) return std::nullopt;
   round_numbers(s);
   return made;
 }
 
+// At least .2 m before the planes of both walls.
+bool stands_before(const Simulation& room, const SimulatedProjector& p) {
+  const Screen screen = room_screen(room);
+  return std::all_of(screen.surfaces.begin(), screen.surfaces.end(), [&](const auto& wall) {
+    const Eigen::Vector3d from = Eigen::Vector3d(p.position[0], p.position[1], p.position[2]) - wall->point(0, 0);
+    return from.dot(wall->normal(0, 0)) >= 0.2;
+  });
+}
+
+// Corners of a wall, and of so many metres of its neighbour beside the crease.
+std::vector<Eigen::Vector3d> with_spill(const Screen& screen, int wall, double metres) {
+  const Surface &own = *screen.surfaces[wall], &other = *screen.surfaces[1 - wall];
+  const double width = (other.point(1, 0) - other.point(0, 0)).norm(), u = wall == 0 ? metres / width : 1 - metres / width;
+  std::vector<Eigen::Vector3d> points;
+  for (double v : {0.0, 1.0}) points.insert(points.end(), {own.point(0, v), own.point(1, v), other.point(u, v)});
+  return points;
+}
+
 }  // namespace
 
-RigAndRoom default_two_wall() {
-  RigAndRoom made = blank();
+RigAndRoom default_two_wall(double angle_deg) {
+  RigAndRoom made = blank_room({"left", "right"});
   Simulation& s = made.simulation;
-  s.angle_deg = 97;
-  s.left_size = {3.0, 2.0};
-  s.right_size = {2.75, 1.85};
-  s.left_rise = 0.1;
-  s.right_rise = 0.17;
-  s.left_albedo = {0.82, 0.80, 0.76};
-  s.right_albedo = {0.77, 0.79, 0.81};
+  TwoWalls walls;
+  walls.angle_deg = angle_deg;
+  walls.left_size = {3.0, 2.0}, walls.right_size = {2.75, 1.85};
+  walls.left_rise = 0.1, walls.right_rise = 0.17;
+  walls.left_albedo = {0.82, 0.80, 0.76}, walls.right_albedo = {0.77, 0.79, 0.81};
+  s.surfaces = surfaces_of(walls);
   SimulatedProjector &left = s.projectors[0], &right = s.projectors[1];
   left.throw_ratio = 1.25, left.lens_shift = {0.004, 0.22}, left.roll_deg = 0.8, left.falloff = 0.15;
   right.throw_ratio = 1.1, right.lens_shift = {-0.003, 0.15}, right.roll_deg = -1.1, right.falloff = 0.18;
   right.gain = 0.95;
-  bool placed = place_projector(made.rig, s, true, {0.12, 0.1, 0.35}, left);
-  placed &= place_projector(made.rig, s, false, {-0.2, -0.08, 0.37}, right);
+  bool placed = place_projector(made.rig, walls, true, {0.12, 0.1, 0.35}, left) && stands_before(s, left);
+  placed &= place_projector(made.rig, walls, false, {-0.2, -0.08, 0.37}, right) && stands_before(s, right);
+  if (!placed) {  // walls so close that projectors stand in front of the opening
+    const Screen screen = room_screen(s);
+    left.position = {0.16, 1.9, 4.3}, right.position = {-0.1, 2.0, 4.4};
+    placed = aim_projector(with_spill(screen, 0, 0.35), made.rig, left) &&
+             aim_projector(with_spill(screen, 1, 0.37), made.rig, right);
+  }
   SimulatedCamera& c = s.cameras[0];
   c.position = {0.35, 1.4, 4.5};
   c.roll_deg = 0.7;
   c.distortion = {-0.08, 0.012, 2e-4, -1e-4, 0};
   c.principal = {962.3, 594.1};
-  placed &= aim_camera(s, c);
+  placed &= aim_camera(wall_points(s), c);
   CS_CHECK(placed, "the default room's devices have their places");
   round_numbers(s);
   return made;

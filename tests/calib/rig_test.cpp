@@ -59,21 +59,15 @@ Rig full_rig() {
 }
 
 Simulation full_simulation() {
-  Simulation s{"two-wall",
-               97.3,
-               {3.1, 2.2},
-               {2.6, 1.9},
-               0.11,
-               0.07,
-               {0.81, 0.8, 0.74},
-               {0.7, 0.72, 0.69},
-               0.04,
-               0.013,
-               0xfedcba9876543210ull,
-               5000,
-               24,
-               {},
-               {}};
+  Simulation s{"my room", 0.013, 0xfedcba9876543210ull, 5000, 24, {}, {}, {}};
+  for (const char* shape : {"rectangle", "cylinder", "cone", "sphere", "mesh"}) {
+    SimulatedSurface surface{shape,        shape,        {0.1, 0.2, 0.3}, {1.1, 0.4, 0.5}, {0.6, 1.2, 0.7}, 2.1,
+                             1.3,          1.9,          {-31, 42},       {3, 64},         "outside",       "/m/a.ply",
+                             0.01,         {0.5, 0.6, 0.55}, 0.04,        0.05,            {5, 6},          0.07,
+                             0.35,         1.5,          {8, -9},         0.9,             0.11,            {0.12, 0.13},
+                             {0.34, 0.45}};
+    s.surfaces.push_back(surface);
+  }
   SimulatedCamera c{"cam-a",
                     {0.1, 1.7, 4.2},
                     {0.2, 1.1, 0.3},
@@ -121,6 +115,7 @@ void expect_equal(const Rig& a, const Rig& b) {
 
 void expect_equal(const Simulation& a, const Simulation& b) {
   EXPECT_EQ(texts(a), texts(b));
+  EXPECT_EQ(texts(a.surfaces), texts(b.surfaces));
   EXPECT_EQ(texts(a.cameras), texts(b.cameras));
   EXPECT_EQ(texts(a.projectors), texts(b.projectors));
 }
@@ -180,9 +175,15 @@ TEST(Rig, PutsEachValueWhereItBelongs) {
 TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   TemporaryFolder folder;
   const std::string text =
-      "[simulation]\nroom = \"two-wall\"\nangle_deg = 91\nleft_size = [1, 2]\nright_size = [3, 4]\nleft_rise = 5\n"
-      "right_rise = 6\nleft_albedo = [0.1, 0.2, 0.3]\nright_albedo = [0.4, 0.5, 0.6]\ntexture = 0.7\nambient = 0.8\n"
-      "seed = 9\nsamples = 10\nblock_px = 11\n"
+      "[simulation]\nroom = \"mine\"\nambient = 0.8\nseed = 9\nsamples = 100\nblock_px = 11\n"
+      "[[simulation.surface]]\nid = \"r\"\norigin = [1, 2, 3]\nalong_u = [4, 5, 6]\nalong_v = [7, 8, 9]\n"
+      "albedo = [0.1, 0.2, 0.3]\ntexture = 0.4\npatchwork = 0.5\npatchwork_cells = [6, 7]\ngloss = 0.8\n"
+      "roughness = 0.9\ndirecting = 10\ndirecting_tilt_deg = [11, 12]\ntransmission = 13\ndaylight = 14\n"
+      "daylight_from = [0.15, 0.16]\ndaylight_to = [0.17, 0.18]\n"
+      "[[simulation.surface]]\nid = \"k\"\nshape = \"cone\"\norigin = [1, 2, 3]\nradius = 4\ntop_radius = 5\n"
+      "height = 6\nazimuth_deg = [7, 8]\nlit = \"outside\"\n"
+      "[[simulation.surface]]\nid = \"d\"\nshape = \"sphere\"\nelevation_deg = [-7, 8]\n"
+      "[[simulation.surface]]\nid = \"m\"\nshape = \"mesh\"\nmesh = \"a.obj\"\nmesh_scale = 0.001\n"
       "[[simulation.camera]]\nid = \"c\"\nposition = [1, 2, 3]\ntarget = [4, 5, 6]\nroll_deg = 7\nresolution = [8, 9]\n"
       "channels = 1\nfocal_px = 10\nprincipal = [11, 12]\ndistortion = [0.1, 0.2, 0.3, 0.4, 0.5]\nfull_well_e = 13\n"
       "read_noise_e = 14\nbits = 15\nwhite_level = 16\nreference_exposure_ms = 17\npsf_sigma_px = 18\nvignetting = "
@@ -194,15 +195,32 @@ TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   const Simulation s = read_simulation(folder / "s.toml").value();
   using Two = std::array<double, 2>;
   using Three = std::array<double, 3>;
-  EXPECT_EQ(s.angle_deg, 91);
-  EXPECT_EQ(s.left_size, (Two{1, 2}));
-  EXPECT_EQ(s.right_size, (Two{3, 4}));
-  EXPECT_EQ((Two{s.left_rise, s.right_rise}), (Two{5, 6}));
-  EXPECT_EQ(s.left_albedo, (Three{0.1, 0.2, 0.3}));
-  EXPECT_EQ(s.right_albedo, (Three{0.4, 0.5, 0.6}));
-  EXPECT_EQ((Two{s.texture, s.ambient}), (Two{0.7, 0.8}));
+  EXPECT_EQ(s.room, "mine");
+  EXPECT_EQ(s.ambient, 0.8);
+  ASSERT_EQ(s.surfaces.size(), 4u);
+  const SimulatedSurface &r = s.surfaces[0], &k = s.surfaces[1], &d = s.surfaces[2], &m = s.surfaces[3];
+  EXPECT_EQ(r.shape, "rectangle");
+  EXPECT_EQ(r.origin, (Three{1, 2, 3}));
+  EXPECT_EQ(r.along_u, (Three{4, 5, 6}));
+  EXPECT_EQ(r.along_v, (Three{7, 8, 9}));
+  EXPECT_EQ(r.albedo, (Three{0.1, 0.2, 0.3}));
+  EXPECT_EQ((Three{r.texture, r.patchwork, r.gloss}), (Three{0.4, 0.5, 0.8}));
+  EXPECT_EQ(r.patchwork_cells, (std::array<int, 2>{6, 7}));
+  EXPECT_EQ((Two{r.roughness, r.directing}), (Two{0.9, 10}));
+  EXPECT_EQ(r.directing_tilt_deg, (Two{11, 12}));
+  EXPECT_EQ((Two{r.transmission, r.daylight}), (Two{13, 14}));
+  EXPECT_EQ(r.daylight_from, (Two{0.15, 0.16}));
+  EXPECT_EQ(r.daylight_to, (Two{0.17, 0.18}));
+  EXPECT_EQ(k.shape, "cone");
+  EXPECT_EQ(k.origin, (Three{1, 2, 3}));
+  EXPECT_EQ((Three{k.radius, k.top_radius, k.height}), (Three{4, 5, 6}));
+  EXPECT_EQ(k.azimuth_deg, (Two{7, 8}));
+  EXPECT_EQ(k.lit, "outside");
+  EXPECT_EQ(d.elevation_deg, (Two{-7, 8}));
+  EXPECT_EQ(m.mesh, folder / "a.obj") << "resolved against the file's folder";
+  EXPECT_EQ(m.mesh_scale, 0.001);
   EXPECT_EQ(s.seed, 9);
-  EXPECT_EQ((Two{1. * s.samples, 1. * s.block_px}), (Two{10, 11}));
+  EXPECT_EQ((Two{1. * s.samples, 1. * s.block_px}), (Two{100, 11}));
   const SimulatedCamera& c = s.cameras.at(0);
   EXPECT_EQ(c.position, (Three{1, 2, 3}));
   EXPECT_EQ(c.target, (Three{4, 5, 6}));
@@ -377,9 +395,14 @@ TEST(RigError, ValuesOutOfRangeNameTheBound) {
     EXPECT_THAT(complaint(projector + l.line + "\n"), AllOf(StartsWith("rig.toml:4: "), HasSubstr(l.says)));
   EXPECT_THAT(complaint("[[projector]]\nid = \"p\"\nresolution = [1280, 0]\n"),
               AllOf(StartsWith("rig.toml:3: resolution = [1280,0]"), HasSubstr("must be at least 1")));
-  EXPECT_THAT(complaint(kSmallest + "[simulation]\nleft_size = [3.0, -2.0]\n"),
-              AllOf(StartsWith("rig.toml:7: left_size"), HasSubstr("must be more than 0")));
-  EXPECT_THAT(complaint(kSmallest + "[simulation]\nright_size = [0, 2]\n"), HasSubstr("must be more than 0"));
+  const std::string surface = kSmallest + "[simulation]\n[[simulation.surface]]\nid = \"s\"\n";
+  EXPECT_THAT(complaint(surface + "shape = \"sphere\"\nradius = -2.0\n"),
+              AllOf(StartsWith("rig.toml:10: radius"), HasSubstr("must be more than 0")));
+  EXPECT_THAT(complaint(surface + "radius = 2.0\n"), HasSubstr("unknown key 'radius'"));  // of a rectangle
+  EXPECT_THAT(complaint(surface + "shape = \"ball\"\n"), HasSubstr("the nearest is"));
+  EXPECT_THAT(complaint(surface + "shape = \"mesh\"\n"), HasSubstr("has no 'mesh'"));
+  EXPECT_THAT(complaint(surface + "shape = \"cone\"\nazimuth_deg = [20, 10]\n"), HasSubstr("must rise"));
+  EXPECT_THAT(complaint(surface + "albedo = [0.5, 1.5, 0.5]\n"), HasSubstr("at most 1"));
   EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\nchannels = 2\n"),
               HasSubstr("must be 1 or 3"));
 }

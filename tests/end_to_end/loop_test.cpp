@@ -170,9 +170,9 @@ INSTANTIATE_TEST_SUITE_P(
                  "[[camera]]\nid = \"c\"\npedestal = nan\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n",
                  "patterns @/rig.toml -o @/out", "finite"},
         BadInput{"ZeroSizeScreen",
-                 "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n[simulation]\nleft_size = "
-                 "[0, 2]\n",
-                 "simulate @/rig.toml -o @/out", "left_size"},
+                 "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n[[simulation.surface]]\n"
+                 "id = \"wall\"\nalong_u = [0, 2, 0]\n",
+                 "simulate @/rig.toml -o @/out", "span no area"},
         BadInput{"MissingRig", kRig, "capture @/nothing.toml -o @/out", "nothing.toml"},
         BadInput{"NoSimulation", kRig, "simulate @/rig.toml -o @/out", "[simulation]"},
         BadInput{"NoPhotos", kRig, "import @/rig.toml --photos @/nowhere -o @/out", "nowhere"},

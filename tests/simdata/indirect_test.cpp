@@ -27,6 +27,12 @@ std::vector<Eigen::Vector3d> corners(const Surface& wall) {
   return {wall.point(0, 0), wall.point(1, 0), wall.point(1, 1), wall.point(0, 1)};
 }
 
+using Three = std::array<double, 3>;
+
+void paint(simdata::RigAndRoom& room, const Three& albedo) {
+  for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = albedo;
+}
+
 double total(const Image& image) {
   double sum = 0;
   for (float v : image.data()) sum += v;
@@ -38,10 +44,9 @@ double total(const Image& image) {
 TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
   auto room = small_room();
   Simulation& s = room.simulation;
-  s.angle_deg = 90;
-  s.left_size = {3, 2}, s.right_size = {2.6, 2.1}, s.left_rise = .1, s.right_rise = .05;
-  s.left_albedo = {.01, .012, .008};  // further bounces below 1e-3
-  s.right_albedo = {.02, .01, .03};
+  // Albedos: further bounces below 1e-3.
+  s.surfaces = simdata::surfaces_of({90, {3, 2}, {2.6, 2.1}, .1, .05, {.01, .012, .008}, {.02, .01, .03}});
+  const Three &left_albedo = s.surfaces[0].albedo, &right_albedo = s.surfaces[1].albedo;
   const Screen screen = simdata::room_screen(s);
   const double far = 100;  // a picture of 5 x 3.1 m
   const Eigen::Vector3d middle = screen.surfaces[1]->point(.5, .5),
@@ -61,7 +66,7 @@ TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
   for (int y = 0; y < 150; ++y)
     for (int x = 0; x < 240; ++x)
       if (test::inside_wall(g, x, y) && g.surface.at(x, y) == 1 && irradiance == 0)
-        irradiance = light.direct.at(x, y, 0) / simulator->scale(0) / s.right_albedo[0];
+        irradiance = light.direct.at(x, y, 0) / simulator->scale(0) / right_albedo[0];
   ASSERT_GT(irradiance, 0);
   for (int y = 3; y < 150; y += 4)
     for (int x = 1; x < 240; x += 3) {
@@ -70,7 +75,7 @@ TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
       const Eigen::Vector3d point = ray.origin + g.depth.at(x, y) * ray.direction.normalized();
       const double F = polygon_form_factor(point, screen.surfaces[0]->normal(0, 0), emitter);
       for (int c = 0; c < 3; ++c) {
-        const double expected = simulator->scale(0) * s.left_albedo[c] * s.right_albedo[c] * irradiance * F;
+        const double expected = simulator->scale(0) * left_albedo[c] * right_albedo[c] * irradiance * F;
         // 256 antithetic strata and linear interpolation between 28 x 20 receivers: 1.5 %, most beside the crease; more
         // where F itself is small.
         EXPECT_NEAR(light.indirect.at(x, y, c) / expected, 1, .015 + 3e-4 / F)
@@ -84,7 +89,7 @@ TEST(IndirectLight, OfAnEvenlyLitWallIsItsPointFormFactor) {
 // In an even surround of radiance L, walls of albedo 1 vanish: what they reflect equals what they hide.
 TEST(IndirectLight, WhiteWallsVanishInAnEvenSurround) {
   auto room = small_room();
-  room.simulation.left_albedo = room.simulation.right_albedo = {1, 1, 1};
+  paint(room, {1, 1, 1});
   room.simulation.ambient = .7;
   for (SimulatedProjector& p : room.simulation.projectors) p.black_level = 0;
   const auto dark = simulate(room);
@@ -101,7 +106,7 @@ TEST(IndirectLight, WhiteWallsVanishInAnEvenSurround) {
 
 TEST(IndirectLight, VanishesWhereOneWallIsBlack) {
   auto room = small_room();
-  room.simulation.left_albedo = {0, 0, 0};
+  room.simulation.surfaces[0].albedo = {0, 0, 0};
   const simdata::TrueLight light = simulate(room)->light(0, std::vector<Picture>{flat(1), flat(1)});
   EXPECT_GT(total(light.direct), 100);
   EXPECT_EQ(total(light.indirect), 0);
@@ -111,7 +116,7 @@ TEST(IndirectLight, VanishesWhereOneWallIsBlack) {
 TEST(IndirectLight, GrowsFasterThanTheAlbedo) {
   const auto ratio = [](double albedo) {
     auto room = small_room();
-    room.simulation.left_albedo = room.simulation.right_albedo = {albedo, albedo, albedo};
+    paint(room, {albedo, albedo, albedo});
     const simdata::TrueLight light = simulate(room)->light(0, std::vector<Picture>{flat(1), flat(1)});
     return total(light.indirect) / total(light.direct);
   };
@@ -124,7 +129,7 @@ TEST(IndirectLight, GrowsFasterThanTheAlbedo) {
 
 TEST(IndirectLight, EqualsPathTracingWithinItsStandardError) {
   auto room = small_room();
-  room.simulation.texture = .15;
+  for (SimulatedSurface& wall : room.simulation.surfaces) wall.texture = .15;
   room.simulation.ambient = .05;
   room.simulation.samples = 1024;  // the full number of receivers
   const auto simulator = simulate(room);

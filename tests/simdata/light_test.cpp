@@ -39,7 +39,7 @@ TEST(DirectLight, FollowsTheInverseSquareLawOfEachProjector) {
   const Device camera = *simdata::true_camera(room.simulation, "camera");
   const Image lit[2] = {simulator->light(0, std::vector<Picture>{flat(1), flat(0)}).direct,
                         simulator->light(0, std::vector<Picture>{flat(0), flat(1)}).direct};
-  const std::array<double, 3>* albedo[2] = {&room.simulation.left_albedo, &room.simulation.right_albedo};
+  const std::array<double, 3>* albedo[2] = {&room.simulation.surfaces[0].albedo, &room.simulation.surfaces[1].albedo};
   double reference = 0;
   int checked = 0;
   for (int y = 3; y < 150; y += 7)
@@ -79,7 +79,7 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
       const Eigen::Vector3d point = ray.origin + g.depth.at(x, y) * ray.direction.normalized();
       const Eigen::Vector3d normal(g.normal.at(x, y, 0), g.normal.at(x, y, 1), g.normal.at(x, y, 2));
       const double unit = irradiance(p, point, normal) / (p.throw_ratio * p.throw_ratio);
-      const double distance = std::sqrt(lit.at(x, y, 0) / simulator->scale(0) / room.simulation.left_albedo[0] / unit);
+      const double distance = std::sqrt(lit.at(x, y, 0) / simulator->scale(0) / room.simulation.surfaces[0].albedo[0] / unit);
       EXPECT_GT(distance, 3.5);
       EXPECT_LT(distance, 4.6);  // the projector stands 3.5 to 4.6 m from its wall's points
       ++checked;
@@ -89,10 +89,8 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
 
 TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
   Simulation room;  // a wall of 40 m that catches every picture
-  room.angle_deg = 170;
-  room.left_size = room.right_size = {20, 20};
-  room.left_rise = room.right_rise = -9;
-  const auto scene = *simdata::Scene::make(simdata::room_screen(room));
+  room.surfaces = simdata::surfaces_of({170, {20, 20}, {20, 20}, -9, -9});
+  const auto scene = *simdata::Scene::make(*simdata::make_shapes(room));
   std::vector<double> flux;
   for (int i = 0; i < 3; ++i) {
     SimulatedProjector p;
@@ -111,9 +109,9 @@ TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
       for (int b = 0; b < kGrid; ++b)
         for (int a = 0; a < kGrid; ++a) {
           const double u = (a + .5) / kGrid, v = (b + .5) / kGrid;
-          const Eigen::Vector3d x = scene->screen().surfaces[s]->point(u, v);
-          if ((x - Eigen::Vector3d(0, 1, 0)).norm() > 5) continue;
-          if (const auto beam = emitter.beam(*scene, s, x)) sum += beam->irradiance * 400. / (kGrid * kGrid);
+          const simdata::SurfacePoint x = scene->point(s, u, v);
+          if ((x.x - Eigen::Vector3d(0, 1, 0)).norm() > 5) continue;
+          if (const auto beam = emitter.beam(*scene, x)) sum += beam->irradiance * 400. / (kGrid * kGrid);
         }
     flux.push_back(sum);
   }
@@ -213,11 +211,11 @@ TEST(Camera, VignettingTakesItsShareOfTheCorner) {
 TEST(Make, ImpossibleRoomsAreRefusedByName) {
   SilentProgress progress;
   auto room = small_room();
-  room.simulation.left_albedo[1] = 1.2;
+  room.simulation.surfaces[0].albedo[1] = 1.2;
   auto made = simdata::Simulator::make(room.rig, room.simulation, progress);
   ASSERT_FALSE(made.has_value());
   EXPECT_EQ(made.error().code, ErrorCode::kBadValue);
-  EXPECT_NE(made.error().message.find("left_albedo"), std::string::npos) << made.error().message;
+  EXPECT_NE(made.error().message.find("albedo"), std::string::npos) << made.error().message;
   room = small_room();
   room.simulation.projectors[1].target = {0, 0, 100};
   EXPECT_NE(simdata::Simulator::make(room.rig, room.simulation, progress).error().message.find("right"),

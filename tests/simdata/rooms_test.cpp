@@ -44,16 +44,14 @@ double covered(const RigAndRoom& made, int q) {
 
 TEST(RoomScreen, WallsMeetInTheCreaseAtTheStatedAngleAndFaceTheAudience) {
   Simulation s;
-  s.angle_deg = 97;
-  s.left_size = {3, 2};
-  s.right_size = {2.6, 2.1};
-  s.left_rise = .1, s.right_rise = -.05;
+  s.surfaces = simdata::surfaces_of({97, {3, 2}, {2.6, 2.1}, .1, -.05});
+  EXPECT_NEAR(simdata::edge_angle_deg(s), 97, 1e-3);
   const Screen screen = simdata::room_screen(s);
   const Eigen::Vector3d left = screen.surfaces[0]->point(0, 0) - screen.surfaces[0]->point(1, 0);
   const Eigen::Vector3d right = screen.surfaces[1]->point(1, 0) - screen.surfaces[1]->point(0, 0);
-  EXPECT_NEAR(std::acos(left.normalized().dot(right.normalized())) * 180 / std::numbers::pi, 97, 1e-9);
-  EXPECT_NEAR(left.norm(), 3, 1e-12);
-  EXPECT_NEAR(right.norm(), 2.6, 1e-12);
+  EXPECT_NEAR(std::acos(left.normalized().dot(right.normalized())) * 180 / std::numbers::pi, 97, 1e-3);  // hundredths of a millimetre
+  EXPECT_NEAR(left.norm(), 3, 1e-5);
+  EXPECT_NEAR(right.norm(), 2.6, 1e-5);
   EXPECT_LT(left.x(), 0);
   EXPECT_NEAR((screen.surfaces[0]->point(1, .5) - Eigen::Vector3d(0, 1.1, 0)).norm(), 0, 1e-12);
   EXPECT_NEAR((screen.surfaces[1]->point(0, 1) - Eigen::Vector3d(0, 2.05, 0)).norm(), 0, 1e-12);
@@ -63,12 +61,13 @@ TEST(RoomScreen, WallsMeetInTheCreaseAtTheStatedAngleAndFaceTheAudience) {
 
 TEST(RoomScreen, CreaseIsListedOnlyWhereTheWallsShareTheirHeights) {
   Simulation s;
+  s.surfaces = simdata::surfaces_of({});
   const Screen screen = simdata::room_screen(s);
   ASSERT_EQ(screen.creases.size(), 1u);
   const Crease& crease = screen.creases[0];
   for (double v : {0., .3, 1.})
     EXPECT_NEAR((screen.surfaces[0]->point(crease.u_a, v) - screen.surfaces[1]->point(crease.u_b, v)).norm(), 0, 1e-12);
-  s.right_rise = .1;
+  s.surfaces[1].origin[1] += .1;
   EXPECT_TRUE(simdata::room_screen(s).creases.empty());
 }
 
@@ -136,18 +135,16 @@ TEST(RandomRooms, SpillAndCoverTheirWallsAndStayInTheirRanges) {
       EXPECT_LE(std::abs(s.projectors[q].lens_shift[1]), .3);
       EXPECT_FALSE(made.rig.projectors[q].throw_ratio) << "no prior is stated";
     }
-    EXPECT_GE(s.angle_deg, 80);
-    EXPECT_LE(s.angle_deg, 110);
-    for (const auto& size : {s.left_size, s.right_size}) {
-      EXPECT_GE(size[0], 2.4);
-      EXPECT_LE(size[0], 3.6);
-      EXPECT_GE(size[1], 1.8);
-      EXPECT_LE(size[1], 2.4);
+    EXPECT_GE(simdata::edge_angle_deg(s), 79.999);
+    EXPECT_LE(simdata::edge_angle_deg(s), 110.001);
+    const auto norm = [](const std::array<double, 3>& v) { return std::hypot(v[0], v[1], v[2]); };
+    for (const SimulatedSurface& wall : s.surfaces) {
+      EXPECT_NEAR(norm(wall.along_u), 3, .6001);
+      EXPECT_NEAR(norm(wall.along_v), 2.1, .3001);
+      for (double a : wall.albedo) EXPECT_NEAR(a, .775, .0751);
     }
-    for (const auto& albedo : {s.left_albedo, s.right_albedo})
-      for (double a : albedo) EXPECT_NEAR(a, .775, .0751);
-    EXPECT_NE(s.left_size, s.right_size);
-    EXPECT_NE(s.left_albedo, s.right_albedo);
+    EXPECT_NE(norm(s.surfaces[0].along_u), norm(s.surfaces[1].along_u));
+    EXPECT_NE(s.surfaces[0].albedo, s.surfaces[1].albedo);
   }
 }
 

@@ -125,7 +125,7 @@ Result<Study> two_wall_loop(const StudyContext& context) {
     const simdata::RigAndRoom room = simdata::random_two_wall(hash_name("two-wall-loop") + seed);
     const Result<Measured> made = measure_room(room, context.output / "two-wall-loop", *context.progress);
     if (!made) {
-      study.rows.push_back({fmt::format("{}", seed), fmt::format("{:.1f}", room.simulation.angle_deg), "refused"});
+      study.rows.push_back({fmt::format("{}", seed), fmt::format("{:.1f}", simdata::edge_angle_deg(room.simulation)), "refused"});
       study.rows.back().resize(study.columns.size(), "-");
       study.notes.push_back(fmt::format("seed {} is refused: {}", seed, made.error().message));
       least = 0;
@@ -142,7 +142,7 @@ Result<Study> two_wall_loop(const StudyContext& context) {
     uncovered = std::max(uncovered, 100 * n.uncovered_share);
     planted = std::max(planted, bad.numbers.all.suppression);
     study.rows.push_back(
-        {fmt::format("{}", seed), fmt::format("{:.1f}", room.simulation.angle_deg),
+        {fmt::format("{}", seed), fmt::format("{:.1f}", simdata::edge_angle_deg(room.simulation)),
          fmt::format("{:.3f}", 100 * m.summary.held_out_error), fmt::format("{:.2f}", n.all.uncompensated.mean_percent),
          fmt::format("{:.3f}", n.all.compensated.mean_percent), fmt::format("{:.1f}", n.all.suppression),
          fmt::format("{:.2f}", n.edge.compensated.mean_grey), fmt::format("{:.2f}", 100 * n.worse_share),

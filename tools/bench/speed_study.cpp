@@ -32,7 +32,7 @@ simdata::RigAndRoom small_camera_room() {
   camera.focal_px *= 0.25;
   for (int i = 0; i < 2; ++i) camera.resolution[i] /= 4, camera.principal[i] = (camera.principal[i] + 0.5) / 4 - 0.5;
   room.simulation.samples = 256;
-  room.simulation.left_albedo = room.simulation.right_albedo = {0.8, 0.8, 0.8};
+  for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = {0.8, 0.8, 0.8};
   return room;
 }
 

@@ -49,7 +49,7 @@ Result<TrueModel> true_model(const simdata::Simulator& simulator, int nu, int nv
   model.k = model.e = solver::Radiosity::Zero(model.patches.size(), 3);
   for (int i = 0; i < model.patches.size(); ++i)
     for (int c = 0; c < 3; ++c)
-      model.k(i, c) = static_cast<float>(model.patches.surface_of(i) == 0 ? room.left_albedo[c] : room.right_albedo[c]);
+      model.k(i, c) = static_cast<float>(room.surfaces[model.patches.surface_of(i)].albedo[c]);
   for (const ProjectorSpec& spec : rig.projectors) {
     CS_TRY(Device device, simdata::true_projector(room, rig, spec.id));
     device.device_from_world = device.device_from_world * camera_from_world.inverse();

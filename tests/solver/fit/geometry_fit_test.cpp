@@ -151,7 +151,7 @@ TEST(GeometryFit, FindsRoomsOfTheStudyDistribution) {
     ASSERT_TRUE(fit) << fit.error().message;
     ASSERT_EQ(fit->screen.creases.size(), 1u) << seed;
     // Four sigma; the columns are free within their prior and the two projectors hold each other.
-    EXPECT_NEAR(fit->screen.creases[0].angle / kDegree, room.simulation.angle_deg,
+    EXPECT_NEAR(fit->screen.creases[0].angle / kDegree, simdata::edge_angle_deg(room.simulation),
                 4 * fit->angle_sigma[0] / kDegree + 0.02)
         << seed;
     EXPECT_LT(fit->angle_sigma[0] / kDegree, 0.1) << seed;

@@ -1,0 +1,168 @@
+#include "simdata/room/mesh.h"
+
+#include <algorithm>
+#include <assimp/Importer.hpp>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+#include <cmath>
+#include <map>
+#include <numeric>
+#include <tuple>
+
+namespace countershade::simdata {
+
+namespace {
+
+constexpr int kMostTriangles = 20000;
+constexpr std::uintmax_t kMostBytes = 64u << 20;  // ten times what that many triangles take
+constexpr int kFewestTriangles = 1500;            // smaller meshes are refined
+
+using Faces = std::vector<Eigen::Vector3i>;
+using Corners = std::vector<Eigen::Vector3d>;
+
+// One corner per place: files repeat them per face.
+void weld(Corners& corners, Faces& faces, double tolerance) {
+  std::map<std::tuple<long, long, long>, int> seen;
+  std::vector<int> to(corners.size());
+  Corners kept;
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    const Eigen::Vector3d x = corners[i] / tolerance;
+    const auto [at, is_new] =
+        seen.emplace(std::tuple(std::lround(x.x()), std::lround(x.y()), std::lround(x.z())), kept.size());
+    if (is_new) kept.push_back(corners[i]);
+    to[i] = at->second;
+  }
+  for (Eigen::Vector3i& f : faces)
+    for (int k = 0; k < 3; ++k) f[k] = to[f[k]];
+  corners = std::move(kept);
+}
+
+Eigen::Vector3d doubled_area(const Corners& corners, const Eigen::Vector3i& f) {
+  return (corners[f[1]] - corners[f[0]]).cross(corners[f[2]] - corners[f[0]]);
+}
+
+// Every triangle into four, until edges are short against the whole.
+void refine(Corners& corners, Faces& faces) {
+  while (static_cast<int>(faces.size()) < kFewestTriangles) {
+    std::map<std::pair<int, int>, int> middles;
+    const auto middle = [&](int a, int b) {
+      const auto [at, is_new] = middles.emplace(std::minmax(a, b), corners.size());
+      if (is_new) corners.push_back((corners[a] + corners[b]) / 2);
+      return at->second;
+    };
+    Faces finer;
+    for (const Eigen::Vector3i& f : faces) {
+      const int ab = middle(f[0], f[1]), bc = middle(f[1], f[2]), ca = middle(f[2], f[0]);
+      for (const Eigen::Vector3i& part : {Eigen::Vector3i(f[0], ab, ca), Eigen::Vector3i(ab, f[1], bc),
+                                          Eigen::Vector3i(ca, bc, f[2]), Eigen::Vector3i(ab, bc, ca)})
+        finer.push_back(part);
+    }
+    faces = std::move(finer);
+  }
+}
+
+// An edge that two faces run along in the same direction: they look to opposite sides.
+int flipped_edges(const Faces& faces) {
+  std::map<std::pair<int, int>, int> runs;
+  int flipped = 0;
+  for (const Eigen::Vector3i& f : faces)
+    for (int k = 0; k < 3; ++k) flipped += ++runs[{f[k], f[(k + 1) % 3]}] == 2;
+  return flipped;
+}
+
+// Corners once per direction: faces about a corner are joined while they differ by less than 30 degrees.
+MeshShape::Triangles split_at_edges(const Corners& corners, const Faces& faces) {
+  constexpr double kSharp = 0.866;
+  std::vector<std::vector<std::pair<int, int>>> about(corners.size());  // (face, which of its corners)
+  MeshShape::Triangles out;
+  out.faces = faces;
+  std::vector<Eigen::Vector3d> normals;
+  for (int f = 0; f < static_cast<int>(faces.size()); ++f) {
+    normals.push_back(doubled_area(corners, faces[f]));
+    for (int k = 0; k < 3; ++k) about[faces[f][k]].emplace_back(f, k);
+  }
+  for (std::size_t i = 0; i < corners.size(); ++i) {
+    std::vector<char> taken(about[i].size(), 0);
+    for (std::size_t a = 0; a < about[i].size(); ++a) {
+      if (taken[a]) continue;
+      Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+      const Eigen::Vector3d first = normals[about[i][a].first].normalized();
+      for (std::size_t b = a; b < about[i].size(); ++b)
+        if (!taken[b] && normals[about[i][b].first].normalized().dot(first) > kSharp) {
+          taken[b] = 1;
+          sum += normals[about[i][b].first];
+          out.faces[about[i][b].first][about[i][b].second] = static_cast<int>(out.corners.size());
+        }
+      out.corners.push_back(corners[i]);
+      out.normals.push_back(sum.normalized());
+    }
+  }
+  return out;
+}
+
+}  // namespace
+
+Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& given_faces, const std::string& name) {
+  Corners corners = given;
+  Faces faces = given_faces;
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3d& x : corners) {
+    if (!x.allFinite()) return error(ErrorCode::kBadValue, "mesh '{}' has a corner that is not finite; repair it", name);
+    box.extend(x);
+  }
+  if (faces.empty()) return error(ErrorCode::kBadValue, "mesh '{}' has no faces; export it with its triangles", name);
+  if (static_cast<int>(faces.size()) > kMostTriangles)
+    return error(ErrorCode::kBadValue, "mesh '{}' has {} triangles; at most {} can be simulated: simplify it", name,
+                 faces.size(), kMostTriangles);
+  const double size = box.sizes().norm();
+  if (!(size > 1e-3 && size < 1e4))
+    return error(ErrorCode::kBadValue,
+                 "mesh '{}' is {} m across; 1 mm to 10 km are possible: set mesh_scale to its unit in metres", name,
+                 size);
+  weld(corners, faces, 1e-7 * size);
+  std::erase_if(faces, [&](const Eigen::Vector3i& f) {
+    return !(doubled_area(corners, f).norm() > 1e-12 * size * size);
+  });
+  if (faces.empty()) return error(ErrorCode::kBadValue, "mesh '{}' has no area", name);
+  if (const int flipped = flipped_edges(faces); flipped > 0)
+    return error(ErrorCode::kBadValue,
+                 "mesh '{}': along {} edges the two faces look to opposite sides; make its normals consistent (all "
+                 "faces anticlockwise as seen from the lit side)",
+                 name, flipped);
+  refine(corners, faces);
+  return split_at_edges(corners, faces);
+}
+
+Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double scale, const Eigen::Vector3d& origin) {
+  std::error_code code;
+  const std::uintmax_t bytes = std::filesystem::file_size(path, code);
+  if (code) return error(ErrorCode::kBadFile, "mesh '{}' cannot be read: {}", path.string(), code.message());
+  if (bytes > kMostBytes)
+    return error(ErrorCode::kBadValue, "mesh '{}' has {} MB; at most {} triangles can be simulated: simplify it",
+                 path.string(), bytes >> 20, kMostTriangles);
+  Assimp::Importer importer;
+  const aiScene* scene = importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
+                                                              aiProcess_PreTransformVertices);
+  if (!scene || scene->mNumMeshes == 0)
+    return error(ErrorCode::kBadFile, "mesh '{}' is no OBJ or PLY that can be read: {}", path.string(),
+                 importer.GetErrorString());
+  Corners corners;
+  Faces faces;
+  for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
+    const aiMesh& mesh = *scene->mMeshes[m];
+    const int first = static_cast<int>(corners.size());
+    for (unsigned i = 0; i < mesh.mNumVertices; ++i)
+      corners.push_back(origin + scale * Eigen::Vector3d(mesh.mVertices[i].x, mesh.mVertices[i].y, mesh.mVertices[i].z));
+    for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
+      const aiFace& f = mesh.mFaces[i];
+      if (f.mNumIndices != 3) continue;  // points and lines
+      faces.emplace_back(first + f.mIndices[0], first + f.mIndices[1], first + f.mIndices[2]);
+      if (faces.back().maxCoeff() >= static_cast<int>(first + mesh.mNumVertices))
+        return error(ErrorCode::kBadFile, "mesh '{}': face {} names a corner that the file does not have",
+                     path.string(), i);
+    }
+  }
+  return prepared_mesh(corners, faces, path.string());
+}
+
+}  // namespace countershade::simdata

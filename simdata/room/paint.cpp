@@ -1,0 +1,101 @@
+#include "simdata/room/paint.h"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "calib/base/random.h"
+
+namespace countershade::simdata {
+
+namespace {
+
+constexpr double kPi = std::numbers::pi;
+
+double radians(double degrees) {
+  return degrees * kPi / 180;
+}
+
+// The axis of a light-directing screen at a point.
+Eigen::Vector3d axis_of(const SimulatedSurface& s, const SurfacePoint& at) {
+  const Eigen::Vector3d along_v = at.normal.cross(at.along_u);
+  return (at.normal + std::tan(radians(s.directing_tilt_deg[0])) * at.along_u +
+          std::tan(radians(s.directing_tilt_deg[1])) * along_v)
+      .normalized();
+}
+
+// Integral over the hemisphere of max(0, axis o)^m cos(o) / pi, by the midpoint rule in (cos^2, azimuth).
+double directing_integral(const SimulatedSurface& s) {
+  const Eigen::Vector3d axis = axis_of(s, SurfacePoint{});
+  constexpr int kSteps = 400;
+  double sum = 0;
+  for (int j = 0; j < kSteps; ++j)
+    for (int i = 0; i < kSteps; ++i) {
+      const double cos2 = (j + 0.5) / kSteps, azimuth = 2 * kPi * (i + 0.5) / kSteps;
+      const double sine = std::sqrt(1 - cos2);
+      const Eigen::Vector3d o(sine * std::cos(azimuth), sine * std::sin(azimuth), std::sqrt(cos2));
+      sum += std::pow(std::max(0.0, axis.dot(o)), s.directing);
+    }
+  return sum / (kSteps * kSteps);
+}
+
+}  // namespace
+
+double ggx(const Eigen::Vector3d& normal, const Eigen::Vector3d& in, const Eigen::Vector3d& out, double alpha) {
+  const double ni = normal.dot(in), no = normal.dot(out);
+  if (!(ni > 0 && no > 0)) return 0;
+  const double nh = normal.dot((in + out).normalized()), a2 = alpha * alpha;
+  const double base = nh * nh * (a2 - 1) + 1, D = a2 / (kPi * base * base);
+  // Height-correlated Smith: G / (4 ni no) in one fraction.
+  const double V = 0.5 / (no * std::sqrt(ni * ni * (1 - a2) + a2) + ni * std::sqrt(no * no * (1 - a2) + a2));
+  return D * V;
+}
+
+Paint::Paint(const Simulation& simulation) : of_(simulation.surfaces), seed_(simulation.seed) {
+  for (const SimulatedSurface& s : of_) {
+    base_.emplace_back(static_cast<float>(s.albedo[0]), static_cast<float>(s.albedo[1]),
+                       static_cast<float>(s.albedo[2]), 0.0f);
+    directing_scale_.push_back(s.directing > 0 ? 1 / directing_integral(s) : 1);
+  }
+}
+
+// Slow waves, different on every surface and symmetric in nothing; cells by chance.
+double Paint::texture(const SurfacePoint& at) const {
+  const SimulatedSurface& s = of_[at.surface];
+  double factor = 1;
+  if (s.texture > 0)
+    factor += s.texture * std::sin(2.9 * at.u + 1.7 * at.v + 0.8 + 1.9 * at.surface) *
+              std::cos(4.3 * at.v - 1.1 * at.u + 0.3 * at.surface);
+  if (s.patchwork > 0) {
+    const auto cell = [](double u, int n) { return std::clamp(static_cast<int>(u * n), 0, n - 1); };
+    const std::uint64_t key = cell(at.v, s.patchwork_cells[1]) * 4096ull + cell(at.u, s.patchwork_cells[0]);
+    Random random(mix(seed_ ^ hash_name(s.id)) ^ key);
+    factor *= 1 + s.patchwork * random.uniform(-1, 1);
+  }
+  return factor;
+}
+
+double Paint::directed(const SurfacePoint& at, const Eigen::Vector3d& out) const {
+  const SimulatedSurface& s = of_[at.surface];
+  if (s.directing == 0) return 1 - s.gloss;
+  return (1 - s.gloss) * directing_scale_[at.surface] *
+         std::pow(std::max(0.0, axis_of(s, at).dot(out)), s.directing);
+}
+
+double Paint::glossy(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const {
+  const SimulatedSurface& s = of_[at.surface];
+  return s.gloss > 0 ? s.gloss * kPi * ggx(at.normal, in, out, s.roughness) : 0;
+}
+
+double Paint::lobe(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const {
+  return is_diffuse(at.surface) ? 1 : directed(at, out) + glossy(at, in, out);
+}
+
+double Paint::daylight(const SurfacePoint& at) const {
+  const SimulatedSurface& s = of_[at.surface];
+  const bool inside = at.u >= s.daylight_from[0] && at.u < s.daylight_to[0] && at.v >= s.daylight_from[1] &&
+                      at.v < s.daylight_to[1];
+  return inside ? s.daylight : 0;
+}
+
+}  // namespace countershade::simdata
