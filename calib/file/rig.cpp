@@ -289,6 +289,10 @@ std::optional<std::string> mistake(const ProjectorSpec&) {
 }
 
 std::optional<std::string> mistake(const SimulatedSurface& s) {
+  const auto &u = s.along_u, &v = s.along_v;
+  const double cross = std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+  if (s.shape == "rectangle" && !(cross > 1e-6 * std::hypot(u[0], u[1], u[2]) * std::hypot(v[0], v[1], v[2])))
+    return "along_u and along_v span no area; they must point in different directions";
   if (s.shape != "rectangle" && s.shape != "mesh" &&
       !(s.azimuth_deg[1] > s.azimuth_deg[0] && s.azimuth_deg[1] - s.azimuth_deg[0] <= 360))
     return fmt::format("azimuth_deg = [{}, {}] must rise, by 360 at most", s.azimuth_deg[0], s.azimuth_deg[1]);

@@ -106,7 +106,8 @@ struct SimulatedProjector {
 struct SimulatedSurface {
   std::string id;
   std::string shape = "rectangle";  // rectangle | cylinder | cone | sphere | mesh
-  // rectangle: corner u = v = 0; cylinder, cone: centre of the lower circle; sphere: centre; mesh: where its origin lies
+  // rectangle: corner u = v = 0; cylinder, cone: centre of the lower circle; sphere: centre; mesh: where its origin
+  // lies
   std::array<double, 3> origin{0, 0, 0};
   std::array<double, 3> along_u{1, 0, 0}, along_v{0, 1, 0};  // rectangle: its sides [m]
   double radius = 2, top_radius = 1;                         // m; top_radius: cone

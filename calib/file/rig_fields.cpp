@@ -182,20 +182,24 @@ Fields fields_of(SimulatedSurface& s) {
       {"shape", &s.shape, text({"rectangle", "cylinder", "cone", "sphere", "mesh"}),
        "rectangle | cylinder | cone | sphere | mesh"},
   };
-  const Fields shape = shape_of(s), paint{
-      {"albedo", &s.albedo, between(0, 1), "diffuse reflectance r, g, b"},
-      {"texture", &s.texture, between(0, 0.9), "amplitude of a smooth albedo variation, fraction"},
-      {"patchwork", &s.patchwork, between(0, 0.9), "amplitude of an albedo that differs by cell, fraction"},
-      {"patchwork_cells", &s.patchwork_cells, between(1, 4096), "cells along u and v"},
-      {"gloss", &s.gloss, between(0, 1), "share of the reflected light in a glossy (GGX) lobe"},
-      {"roughness", &s.roughness, between(0.1, 1), "of that lobe, GGX alpha"},
-      {"directing", &s.directing, between(0, 100), "exponent of a light-directing screen; 0 = diffuse"},
-      {"directing_tilt_deg", &s.directing_tilt_deg, between(-60, 60), "its axis off the normal, along u, v [degrees]"},
-      {"transmission", &s.transmission, between(0, 100), "rear projection: light that passes / that is reflected"},
-      {"daylight", &s.daylight, between(0, 100), "irradiance of a sunlit patch, 1 = reference"},
-      {"daylight_from", &s.daylight_from, between(0, 1), "its corner u, v"},
-      {"daylight_to", &s.daylight_to, between(0, 1), "its other corner u, v"},
-  };
+  const Fields shape = shape_of(s),
+               paint{
+                   {"albedo", &s.albedo, between(0, 1), "diffuse reflectance r, g, b"},
+                   {"texture", &s.texture, between(0, 0.9), "amplitude of a smooth albedo variation, fraction"},
+                   {"patchwork", &s.patchwork, between(0, 0.9),
+                    "amplitude of an albedo that differs by cell, fraction"},
+                   {"patchwork_cells", &s.patchwork_cells, between(1, 4096), "cells along u and v"},
+                   {"gloss", &s.gloss, between(0, 1), "share of the reflected light in a glossy (GGX) lobe"},
+                   {"roughness", &s.roughness, between(0.1, 1), "of that lobe, GGX alpha"},
+                   {"directing", &s.directing, between(0, 100), "exponent of a light-directing screen; 0 = diffuse"},
+                   {"directing_tilt_deg", &s.directing_tilt_deg, between(-60, 60),
+                    "its axis off the normal, along u, v [degrees]"},
+                   {"transmission", &s.transmission, between(0, 100),
+                    "rear projection: light that passes / that is reflected"},
+                   {"daylight", &s.daylight, between(0, 100), "irradiance of a sunlit patch, 1 = reference"},
+                   {"daylight_from", &s.daylight_from, between(0, 1), "its corner u, v"},
+                   {"daylight_to", &s.daylight_to, between(0, 1), "its other corner u, v"},
+               };
   fields.insert(fields.end(), shape.begin(), shape.end());
   fields.insert(fields.end(), paint.begin(), paint.end());
   return fields;

@@ -40,8 +40,8 @@ class Emitter {
   Emitter(const SimulatedProjector& spec, const Device& device, int block_px);
 
   struct Beam {
-    Eigen::Vector2d pixel;  // projector pixel that lights the point
-    double irradiance = 0;  // at full white, in units of the reference irradiance
+    Eigen::Vector2d pixel;                  // projector pixel that lights the point
+    double irradiance = 0;                  // at full white, in units of the reference irradiance
     Eigen::Vector3d to_projector{0, 0, 1};  // unit, on the lit side even where the light comes through the screen
     bool from_behind = false;
   };

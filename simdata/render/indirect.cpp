@@ -20,15 +20,21 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
       seed_(simulation.seed),
       ambient_(static_cast<float>(simulation.ambient)) {
   const int surfaces = scene_->size();
-  // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each.
-  const bool draft = simulation.samples < 1024;
-  const int share = std::max(2, surfaces);
-  for (int s = 0; s < surfaces; ++s) {
-    fine_.at.emplace_back(*scene_, s, 2 * (draft ? 560 : 4096) / share);
-    coarse_.at.emplace_back(*scene_, s, 2 * (draft ? 140 : 768) / share);
-    has_mesh_ |= scene_->shape(s).form() == Shape::Form::kMesh;
-  }
   list_pairs();
+  // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each, and so have rooms
+  // whose numbers would not fit.
+  const bool draft = simulation.samples < 1024;
+  const double share = std::sqrt(2.0 / std::max(2, surfaces));
+  const int coarse = static_cast<int>(share * (draft ? 140 : 768));
+  double fine = share * (draft ? 560 : 4096), columns = 0;
+  for (const auto& pairs : pairs_) columns += static_cast<double>(pairs.size()) + coarse;
+  constexpr double kMostNumbers = 2e8;  // 800 MB
+  fine = std::min(fine, std::max(200.0, kMostNumbers / (columns * surfaces)));
+  for (int s = 0; s < surfaces; ++s) {
+    fine_.at.emplace_back(*scene_, s, static_cast<int>(fine));
+    coarse_.at.emplace_back(*scene_, s, coarse);
+    any_by_rays_ |= by_rays(s);
+  }
   gather(coarse_, 0, "indirect light, coarse", progress);
   gather(fine_, static_cast<int>(viewers_.size()), "indirect light", progress);
 }
@@ -74,7 +80,7 @@ void IndirectLight::deposit(Standing& standing, const SurfacePoint& at, int row,
   const int t = y.surface;
   const Eigen::Vector3d to_y = (y.x - at.x).normalized(), to_x = -to_y;
   const double reflected = weight * paint_.texture(y);
-  const double spread = paint_.is_diffuse(t) ? 1 : paint_.directed(y, to_x) + paint_.gloss(t);
+  const double spread = paint_.evenly_lit(y, to_x);
   const auto add = [&](Wall& wall, double share) {
     for (std::size_t q = 0; q < emitters_.size(); ++q)
       if (const auto beam = emitters_[q].beam(*scene_, y)) {
@@ -113,25 +119,60 @@ void IndirectLight::gather_cell(Standing& standing, const SurfacePoint& at, int 
   const double du = (random.uniform() - 0.5) * cell.du, dv = (random.uniform() - 0.5) * cell.dv;
   for (double sign : {1.0, -1.0}) {
     const SurfacePoint y = scene_->point(cell.surface, cell.u + sign * du, cell.v + sign * dv);
-    const Eigen::Vector3d to_y = y.x - at.x;
-    const double r2 = to_y.squaredNorm();
-    const double cos_x = at.normal.dot(to_y), cos_y = -y.normal.dot(to_y);  // times r
-    if (!(cos_x > 0) || !(r2 > 0) || !scene_->visible(at, y.x, cell.surface)) continue;
-    const double area = from.area_element(y.u, y.v) * cell.du * cell.dv / 2;
-    const double weight = cos_x * std::abs(cos_y) * area / (std::numbers::pi * r2 * r2);
-    standing.walls[at.surface].escape[row] -= static_cast<float>(weight);
-    if (cos_y > 0) deposit(standing, at, row, y, weight);  // the back of a surface is black
+    see(standing, at, row, y, from.area_element(y.u, y.v) * cell.du * cell.dv / 2);
   }
 }
 
-// Meshes by cosine-weighted rays: what a ray meets has the weight 1 / rays.
-void IndirectLight::gather_mesh(Standing& standing, int surface, int index, Random& random) const {
+void IndirectLight::see(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double area) const {
+  const Eigen::Vector3d to_y = y.x - at.x;
+  const double r2 = to_y.squaredNorm();
+  const double cos_x = at.normal.dot(to_y), cos_y = -y.normal.dot(to_y);  // times r
+  if (!(cos_x > 0) || !(r2 > 0) || !scene_->visible(at, y.x, y.surface)) return;
+  const double weight = cos_x * std::abs(cos_y) * area / (std::numbers::pi * r2 * r2);
+  standing.walls[at.surface].escape[row] -= static_cast<float>(weight);
+  if (cos_y > 0) deposit(standing, at, row, y, weight);  // the back of a surface is black
+}
+
+void IndirectLight::gather_triangle(Standing& standing, const SurfacePoint& at, int row, const Triangle& part,
+                                    Random& random, int depth) const {
+  constexpr double kLargest = 0.35;
+  const auto& mesh = static_cast<const MeshShape&>(scene_->shape(part.surface));
+  const auto point = [&](const Eigen::Vector2d& b) {
+    SurfacePoint p = mesh.at(part.face, b.x(), b.y());
+    p.surface = part.surface;
+    return p;
+  };
+  const auto& [a, b, c] = part.corners;
+  const Eigen::Vector3d xa = point(a).x, xb = point(b).x, xc = point(c).x;
+  const double size = std::sqrt(std::max({(xa - xb).squaredNorm(), (xb - xc).squaredNorm(), (xc - xa).squaredNorm()}));
+  if (depth > 0 && size > kLargest * ((xa + xb + xc) / 3 - at.x).norm()) {
+    const Eigen::Vector2d ab = (a + b) / 2, bc = (b + c) / 2, ca = (c + a) / 2;
+    const std::array<Eigen::Vector2d, 3> parts[4] = {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}};
+    for (const auto& corners : parts)
+      gather_triangle(standing, at, row, {part.surface, part.face, corners}, random, depth - 1);
+    return;
+  }
+  double s = random.uniform(), t = random.uniform();
+  if (s + t > 1) s = 1 - s, t = 1 - t;
+  const double area = (xb - xa).cross(xc - xa).norm() / 2;
+  const double weights[3] = {1 - s - t, s, t};
+  for (int k = 0; k < 3; ++k)  // turned twice: their mean is the centre
+    see(standing, at, row, point(weights[k] * a + weights[(k + 1) % 3] * b + weights[(k + 2) % 3] * c), area / 3);
+}
+
+bool IndirectLight::by_rays(int surface) const {
+  const auto* mesh = dynamic_cast<const MeshShape*>(&scene_->shape(surface));
+  return mesh && static_cast<int>(mesh->triangles().faces.size()) > std::max(4 * strata_ * strata_, 3000);
+}
+
+// Cosine-weighted rays: what one meets has the weight 1 / rays.
+void IndirectLight::gather_rays(Standing& standing, int surface, int index, Random& random) const {
   const SurfacePoint& at = standing.at[surface].point(index);
   const double weight = 1.0 / (strata_ * strata_);
   for (int k = 0; k < strata_ * strata_; ++k) {
     const double a = (k % strata_ + random.uniform()) / strata_, b = (k / strata_ + random.uniform()) / strata_;
     const SceneHit hit = scene_->hit(at, cosine_direction(at.normal, at.along_u, a, b));
-    if (hit.at.surface < 0 || scene_->shape(hit.at.surface).form() != Shape::Form::kMesh) continue;
+    if (hit.at.surface < 0 || !by_rays(hit.at.surface)) continue;
     standing.walls[surface].escape[index] -= static_cast<float>(weight);
     if (hit.front) deposit(standing, at, index, hit.at, weight);
   }
@@ -145,12 +186,18 @@ void IndirectLight::gather_at(Standing& standing, int surface, int index) const 
   const double side = 1.0 / strata_;
   for (int t = 0; t < scene_->size(); ++t) {
     const Shape& from = scene_->shape(t);
-    if (from.form() == Shape::Form::kMesh || (t == surface && !from.sees_itself())) continue;
+    if (by_rays(t) || (t == surface && !from.sees_itself())) continue;
+    if (const auto* mesh = dynamic_cast<const MeshShape*>(&from)) {
+      for (int f = 0; f < static_cast<int>(mesh->triangles().faces.size()); ++f)
+        if (t != surface || f != at.face)
+          gather_triangle(standing, at, index, {t, f, {{{0, 0}, {1, 0}, {0, 1}}}}, random, kDepth);
+      continue;
+    }
     for (int k = 0; k < strata_ * strata_; ++k)
       gather_cell(standing, at, index, {t, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side}, random,
                   kDepth);
   }
-  if (has_mesh_) gather_mesh(standing, surface, index, random);
+  if (any_by_rays_) gather_rays(standing, surface, index, random);
 }
 
 IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows) const {
@@ -193,24 +240,21 @@ void IndirectLight::gather(Standing& standing, int viewers, const char* stage, P
   progress.step(stage, kSteps, kSteps);
 }
 
-Rgb IndirectLight::applied(const Wall& wall, int rows, const std::vector<Rgb>& blocks,
-                           const std::vector<Rgb>& bounced) const {
+Rgb IndirectLight::applied(const std::vector<Weights>& weights, int rows, const std::vector<Rgb>& sent) const {
   constexpr int kRows = 128;
   Rgb out = Rgb::Zero(rows, 4);
   parallel_for((rows + kRows - 1) / kRows, [&](int task) {
     const int first = task * kRows, count = std::min(kRows, rows - first);
-    for (int t = 0; t < scene_->size(); ++t) {
-      if (wall.from_blocks[t].rows() == 0) continue;
-      out.middleRows(first, count).noalias() += wall.from_blocks[t].middleRows(first, count) * blocks[t];
-      out.middleRows(first, count).noalias() += wall.from_receivers[t].middleRows(first, count) * bounced[t];
-    }
+    for (std::size_t t = 0; t < weights.size(); ++t)
+      if (weights[t].rows() > 0)
+        out.middleRows(first, count).noalias() += weights[t].middleRows(first, count) * sent[t];
   });
   return out;
 }
 
 std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int viewer) const {
   const int surfaces = scene_->size();
-  std::vector<Rgb> blocks, bounced, irradiance;
+  std::vector<Rgb> blocks, once, irradiance, bounced(surfaces);
   for (int t = 0; t < surfaces; ++t) {
     Rgb b(pairs_[t].size(), 4);
     for (std::size_t i = 0; i < pairs_[t].size(); ++i) {
@@ -219,30 +263,34 @@ std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int v
       b.row(i) = (sent * paint_.base()[t]).matrix().transpose();
     }
     blocks.push_back(std::move(b));
-    bounced.push_back(Rgb::Zero(coarse_.at[t].size(), 4));
-    irradiance.push_back(bounced.back());
   }
+  for (int s = 0; s < surfaces; ++s)
+    once.push_back(applied(coarse_.walls[s].from_blocks, coarse_.at[s].size(), blocks));
+  irradiance = once;
+  const auto reflect = [&](int t) {
+    bounced[t] = ((irradiance[t].colwise() + coarse_.walls[t].escape * ambient_).array().rowwise() *
+                  paint_.base()[t].transpose())
+                     .matrix();
+  };
+  for (int t = 0; t < surfaces; ++t) reflect(t);
   for (int bounce = 0; bounce < 1000; ++bounce) {  // converges like (albedo times form factor) to the power of bounces
-    for (int t = 0; t < surfaces; ++t)
-      bounced[t] = ((irradiance[t].colwise() + coarse_.walls[t].escape * ambient_).array().rowwise() *
-                    paint_.base()[t].transpose())
-                       .matrix();
     float change = 0, largest = 0;
-    std::vector<Rgb> next;
-    for (int t = 0; t < surfaces; ++t) {
-      next.push_back(applied(coarse_.walls[t], coarse_.at[t].size(), blocks, bounced));
-      change = std::max(change, (next[t] - irradiance[t]).cwiseAbs().maxCoeff());
-      largest = std::max(largest, next[t].cwiseAbs().maxCoeff());
+    for (int s = 0; s < surfaces; ++s) {
+      Rgb next = once[s] + applied(coarse_.walls[s].from_receivers, coarse_.at[s].size(), bounced);
+      change = std::max(change, (next - irradiance[s]).cwiseAbs().maxCoeff());
+      largest = std::max(largest, next.cwiseAbs().maxCoeff());
+      irradiance[s] = std::move(next);
+      reflect(s);
     }
-    irradiance = std::move(next);
     if (change <= 1e-6f * largest) break;
   }
+  const auto field = [&](const Wall& wall, int rows) {
+    return Rgb(applied(wall.from_blocks, rows, blocks) + applied(wall.from_receivers, rows, bounced));
+  };
   std::vector<Rgb> fields;
-  for (int s = 0; s < surfaces; ++s) fields.push_back(applied(fine_.walls[s], fine_.at[s].size(), blocks, bounced));
+  for (int s = 0; s < surfaces; ++s) fields.push_back(field(fine_.walls[s], fine_.at[s].size()));
   for (int s = 0; s < surfaces; ++s)
-    fields.push_back(paint_.is_glossy(s)
-                         ? applied(fine_.mirrors[viewer][s], fine_.at[s].size(), blocks, bounced)
-                         : Rgb());
+    fields.push_back(paint_.is_glossy(s) ? field(fine_.mirrors[viewer][s], fine_.at[s].size()) : Rgb());
   return fields;
 }
 

@@ -4,12 +4,14 @@
 // block that lights y, the irradiance at y times albedo (first bounce), and the share by which y's own indirect light
 // counts (all further bounces, whose light is solved for on fewer receivers):
 //
-//   I(x) = sum_y rho(y) cos_x cos_y dA_y / (pi r^2) lobe(y) (E_direct(y) + A(y) + I(y)),  A = irradiance from the surround
+//   I(x) = sum_y rho(y) cos_x cos_y dA_y / (pi r^2) lobe(y) (E_direct(y) + A(y) + I(y)),  A = irradiance from the
+//   surround
 //
 // Strata are split until they are small against their distance, and every one is sampled at a random point and its
-// mirror image, so that the sum is unbiased and its error of second order in the size of the strata. Meshes are looked
-// at along cosine-weighted rays instead. Direct light is reflected by the whole lobe of y; light that has bounced
-// already by its directing part, and by its glossy part as if that were diffuse. What a glossy x mirrors towards a
+// mirror image, so that the sum is unbiased and its error of second order in the size of the strata. The triangles of a
+// mesh are such strata, sampled at three points; one of more triangles than strata is looked at along cosine-weighted
+// rays instead. Direct light is reflected by the whole lobe of y; light that has bounced
+// already as if it came evenly from everywhere. What a glossy x mirrors towards a
 // camera is gathered per camera, in the same pass.
 #pragma once
 
@@ -60,7 +62,16 @@ class IndirectLight {
   Wall empty_wall(int surface, int rows) const;
   void gather(Standing& standing, int viewers, const char* stage, Progress& progress);
   void gather_at(Standing& standing, int surface, int index) const;
-  void gather_mesh(Standing& standing, int surface, int index, Random& random) const;
+  void gather_rays(Standing& standing, int surface, int index, Random& random) const;
+  struct Triangle {
+    int surface, face;
+    std::array<Eigen::Vector2d, 3> corners;  // (b1, b2) of the face
+  };
+  void gather_triangle(Standing& standing, const SurfacePoint& at, int row, const Triangle& part, Random& random,
+                       int depth) const;
+  // The light of y, which stands for `area`; nothing where it is not seen.
+  void see(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double area) const;
+  bool by_rays(int surface) const;
   struct Cell {
     int surface;
     double u, v, du, dv;  // centre and size
@@ -68,7 +79,7 @@ class IndirectLight {
   void gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
                    int depth) const;
   void deposit(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double weight) const;
-  Rgb applied(const Wall& wall, int rows, const std::vector<Rgb>& blocks, const std::vector<Rgb>& bounced) const;
+  Rgb applied(const std::vector<Weights>& weights, int rows, const std::vector<Rgb>& sent) const;
 
   std::shared_ptr<const Scene> scene_;
   const std::vector<Emitter>& emitters_;
@@ -77,10 +88,11 @@ class IndirectLight {
   int strata_ = 64;
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
-  bool has_mesh_ = false;
+  bool any_by_rays_ = false;
   std::int64_t entries_ = 0;
-  std::vector<std::vector<std::vector<int>>> column_;    // [surface][projector][block], -1 = lights it not
-  std::vector<std::vector<std::pair<int, int>>> pairs_;  // [surface][column] = projector, block; projector -1 = daylight
+  std::vector<std::vector<std::vector<int>>> column_;  // [surface][projector][block], -1 = lights it not
+  std::vector<std::vector<std::pair<int, int>>>
+      pairs_;  // [surface][column] = projector, block; projector -1 = daylight
   Standing fine_, coarse_;
 };
 

@@ -110,8 +110,8 @@ struct Scene::Embree {
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_USER);
     rtcSetGeometryUserPrimitiveCount(geometry, 1);
     rtcSetGeometryUserData(geometry, const_cast<Shape*>(&shape));
-    rtcSetGeometryBoundsFunction(geometry, [](const RTCBoundsFunctionArguments* args) { bounds_callback(args); },
-                                 nullptr);
+    rtcSetGeometryBoundsFunction(
+        geometry, [](const RTCBoundsFunctionArguments* args) { bounds_callback(args); }, nullptr);
     rtcSetGeometryIntersectFunction(geometry, intersect_callback);
     rtcSetGeometryOccludedFunction(geometry, occluded_callback);
     attach(geometry);
@@ -224,8 +224,8 @@ SceneHit Scene::look(const Ray& ray) const {
 
 SceneHit Scene::hit(const SurfacePoint& from, const Eigen::Vector3d& direction) const {
   const Offset offset = offset_of(*shapes_[from.surface]);
-  const RTCRayHit query = nearest(embree_->scene, from.x + offset.lift * extent_ * from.normal, direction,
-                                  offset.skip * extent_);
+  const RTCRayHit query =
+      nearest(embree_->scene, from.x + offset.lift * extent_ * from.normal, direction, offset.skip * extent_);
   if (query.hit.geomID == RTC_INVALID_GEOMETRY_ID) return {};
   const int surface = static_cast<int>(query.hit.geomID);
   if (surface == from.surface && !shapes_[surface]->sees_itself()) return {};
@@ -242,7 +242,8 @@ bool Scene::visible(const SurfacePoint& from, const Eigen::Vector3d& to, int oth
   for (int s = 0; s < size() && clear; ++s) {
     const Shape& shape = *shapes_[s];
     const bool own_end = s == from.surface || s == other;
-    clear = (own_end && shape.form() == Shape::Form::kFlat) || (s == from.surface && shape.form() == Shape::Form::kBulging) ||
+    clear = (own_end && shape.form() == Shape::Form::kFlat) ||
+            (s == from.surface && shape.form() == Shape::Form::kBulging) ||
             (shape.encloses(from.x) && shape.encloses(to));
   }
   if (clear) return true;

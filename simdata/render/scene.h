@@ -10,9 +10,9 @@ namespace countershade::simdata {
 
 // What a ray meets first.
 struct SceneHit {
-  SurfacePoint at;         // surface = -1: the ray escapes
-  double t = 0;            // x = origin + t direction
-  bool front = false;      // the lit side; the back of a surface is black
+  SurfacePoint at;     // surface = -1: the ray escapes
+  double t = 0;        // x = origin + t direction
+  bool front = false;  // the lit side; the back of a surface is black
 };
 
 class Scene {

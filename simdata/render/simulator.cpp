@@ -153,8 +153,14 @@ TrueGeometry Simulator::geometry(int camera) const {
   const int width = view.spec().resolution[0], height = view.spec().resolution[1];
   constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
   const Image nothing(width, height, 1, kNaN);
-  TrueGeometry g{nothing, Image(width, height, 3, kNaN), Image(width, height, 1, -1), nothing, nothing,
-                 Image(width, height, 3, kNaN), {}, {}};
+  TrueGeometry g{nothing,
+                 Image(width, height, 3, kNaN),
+                 Image(width, height, 1, -1),
+                 nothing,
+                 nothing,
+                 Image(width, height, 3, kNaN),
+                 {},
+                 {}};
   g.projector_x.assign(state_->emitters.size(), nothing);
   g.projector_y = g.projector_x;
   parallel_for(height, [&](int y) {

@@ -60,8 +60,10 @@ class Simulator {
   Traced trace_indirect(int camera, std::span<const Picture> pictures, std::span<const Eigen::Vector2d> pixels,
                         int paths) const;
 
+  struct State;  // for simdata/render
+  const State& state() const { return *state_; }
+
  private:
-  struct State;
   explicit Simulator(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };

@@ -19,11 +19,10 @@ struct PathTracer {
 
   // Direct light that leaves a point towards `out`, times pi / albedo.
   Eigen::Array3d direct(const SurfacePoint& at, const Eigen::Vector3d& out) const {
-    Eigen::Array3d sum = Eigen::Array3d::Constant(paint.daylight(at) * (paint.directed(at, out) + paint.gloss(at.surface)));
+    Eigen::Array3d sum = Eigen::Array3d::Constant(paint.daylight(at) * paint.evenly_lit(at, out));
     for (std::size_t q = 0; q < emitters.size(); ++q)
       if (const auto beam = emitters[q].beam(scene, at, emitters[q].margin())) {
-        const double lobe = beam->from_behind ? paint.directed(at, out) + paint.gloss(at.surface)
-                                              : paint.lobe(at, beam->to_projector, out);
+        const double lobe = beam->from_behind ? paint.evenly_lit(at, out) : paint.lobe(at, beam->to_projector, out);
         const Light4 sent = light[q].at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()));
         sum += lobe * beam->irradiance * sent.head<3>().cast<double>();
       }

@@ -87,15 +87,14 @@ void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emi
       const Eigen::Vector3d to_camera = -ray.direction.normalized();
       for (std::size_t p = 0; p < emitters.size(); ++p)
         if (const auto beam = emitters[p].beam(scene, hit.at, emitters[p].margin())) {
-          const double lobe = beam->from_behind ? paint_.directed(hit.at, to_camera) + paint_.gloss(surface)
+          const double lobe = beam->from_behind ? paint_.evenly_lit(hit.at, to_camera)
                                                 : paint_.lobe(hit.at, beam->to_projector, to_camera);
           beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
                                   static_cast<float>(painted * lobe * beam->irradiance), column, surface});
         }
       if (const double daylight = paint_.daylight(hit.at); daylight > 0)
         beams_.back()[y].push_back(
-            {0, 0, static_cast<float>(painted * daylight * (paint_.directed(hit.at, to_camera) + paint_.gloss(surface))),
-             column, surface});
+            {0, 0, static_cast<float>(painted * daylight * paint_.evenly_lit(hit.at, to_camera)), column, surface});
     }
     for (Seen& s : seen) {
       if (s.at.surface == none) {
@@ -110,8 +109,8 @@ void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emi
       walls_[y].push_back(
           {stencil, static_cast<float>(s.factor * directed), column, static_cast<std::uint16_t>(surface)});
       if (paint_.is_glossy(surface))
-        walls_[y].push_back({stencil, static_cast<float>(s.factor), column,
-                             static_cast<std::uint16_t>(surfaces_ + surface)});
+        walls_[y].push_back(
+            {stencil, static_cast<float>(s.factor), column, static_cast<std::uint16_t>(surfaces_ + surface)});
     }
   }
   for (auto& rows : beams_) rows[y].shrink_to_fit();

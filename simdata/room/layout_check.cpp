@@ -8,8 +8,8 @@ namespace countershade::simdata {
 
 namespace {
 
-constexpr int kLines = 12;        // grid lines of a chart, each way
-constexpr double kRim = 2e-3;     // of a chart: surfaces may touch there
+constexpr int kLines = 12;     // grid lines of a chart, each way
+constexpr double kRim = 2e-3;  // of a chart: surfaces may touch there
 
 bool inner(double u) {
   return u > kRim && u < 1 - kRim;
@@ -60,7 +60,8 @@ double distance(const Shape& shape, const Eigen::Vector3d& x) {
       if ((p.x - x).norm() < nearest) nearest = (p.x - x).norm(), best = p;
     }
   for (double side : {1.0, -1.0})
-    if (const auto hit = shape.intersect({x, side * best.normal}, -1e-12)) nearest = std::min(nearest, std::abs(hit->t));
+    if (const auto hit = shape.intersect({x, side * best.normal}, -1e-12))
+      nearest = std::min(nearest, std::abs(hit->t));
   return nearest;
 }
 

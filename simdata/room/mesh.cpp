@@ -1,9 +1,9 @@
 #include "simdata/room/mesh.h"
 
-#include <algorithm>
-#include <assimp/Importer.hpp>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
+#include <algorithm>
+#include <assimp/Importer.hpp>
 #include <cmath>
 #include <map>
 #include <numeric>
@@ -107,7 +107,8 @@ Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& gi
   Faces faces = given_faces;
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3d& x : corners) {
-    if (!x.allFinite()) return error(ErrorCode::kBadValue, "mesh '{}' has a corner that is not finite; repair it", name);
+    if (!x.allFinite())
+      return error(ErrorCode::kBadValue, "mesh '{}' has a corner that is not finite; repair it", name);
     box.extend(x);
   }
   if (faces.empty()) return error(ErrorCode::kBadValue, "mesh '{}' has no faces; export it with its triangles", name);
@@ -120,9 +121,8 @@ Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& gi
                  "mesh '{}' is {} m across; 1 mm to 10 km are possible: set mesh_scale to its unit in metres", name,
                  size);
   weld(corners, faces, 1e-7 * size);
-  std::erase_if(faces, [&](const Eigen::Vector3i& f) {
-    return !(doubled_area(corners, f).norm() > 1e-12 * size * size);
-  });
+  std::erase_if(faces,
+                [&](const Eigen::Vector3i& f) { return !(doubled_area(corners, f).norm() > 1e-12 * size * size); });
   if (faces.empty()) return error(ErrorCode::kBadValue, "mesh '{}' has no area", name);
   if (const int flipped = flipped_edges(faces); flipped > 0)
     return error(ErrorCode::kBadValue,
@@ -141,8 +141,8 @@ Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double
     return error(ErrorCode::kBadValue, "mesh '{}' has {} MB; at most {} triangles can be simulated: simplify it",
                  path.string(), bytes >> 20, kMostTriangles);
   Assimp::Importer importer;
-  const aiScene* scene = importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
-                                                              aiProcess_PreTransformVertices);
+  const aiScene* scene = importer.ReadFile(
+      path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_PreTransformVertices);
   if (!scene || scene->mNumMeshes == 0)
     return error(ErrorCode::kBadFile, "mesh '{}' is no OBJ or PLY that can be read: {}", path.string(),
                  importer.GetErrorString());
@@ -152,7 +152,8 @@ Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double
     const aiMesh& mesh = *scene->mMeshes[m];
     const int first = static_cast<int>(corners.size());
     for (unsigned i = 0; i < mesh.mNumVertices; ++i)
-      corners.push_back(origin + scale * Eigen::Vector3d(mesh.mVertices[i].x, mesh.mVertices[i].y, mesh.mVertices[i].z));
+      corners.push_back(origin +
+                        scale * Eigen::Vector3d(mesh.mVertices[i].x, mesh.mVertices[i].y, mesh.mVertices[i].z));
     for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
       const aiFace& f = mesh.mFaces[i];
       if (f.mNumIndices != 3) continue;  // points and lines

@@ -11,8 +11,8 @@ namespace countershade::simdata {
 // triangles, those into quarters until the light on them can be interpolated between corners. Corners are kept apart
 // where faces meet at more than 30 degrees.
 //
-// Errors: kBadFile for a file that is no mesh or names corners that it does not have; kBadValue for a mesh without area,
-// with more than 20,000 triangles, or with neighbouring faces that look to opposite sides.
+// Errors: kBadFile for a file that is no mesh or names corners that it does not have; kBadValue for a mesh without
+// area, with more than 20,000 triangles, or with neighbouring faces that look to opposite sides.
 Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double scale, const Eigen::Vector3d& origin);
 
 // The same work on triangles that are there already.

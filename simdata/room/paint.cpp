@@ -39,6 +39,26 @@ double directing_integral(const SimulatedSurface& s) {
   return sum / (kSteps * kSteps);
 }
 
+// Integral over the hemisphere of ggx cos(in), for each of the table's directions out; the midpoint rule as above.
+std::vector<double> albedo_table(double alpha) {
+  constexpr int kTable = 64, kSteps = 160;
+  std::vector<double> table;
+  for (int k = 0; k < kTable; ++k) {
+    const double cosine = std::max(1e-3, k / (kTable - 1.0));
+    const Eigen::Vector3d out(std::sqrt(1 - cosine * cosine), 0, cosine);
+    double sum = 0;
+    for (int j = 0; j < kSteps; ++j)
+      for (int i = 0; i < kSteps; ++i) {
+        const double cos2 = (j + 0.5) / kSteps, azimuth = kPi * (i + 0.5) / kSteps;  // half: it is symmetric
+        const double sine = std::sqrt(1 - cos2);
+        const Eigen::Vector3d in(sine * std::cos(azimuth), sine * std::sin(azimuth), std::sqrt(cos2));
+        sum += kPi * ggx(Eigen::Vector3d::UnitZ(), in, out, alpha);
+      }
+    table.push_back(sum / (kSteps * kSteps));
+  }
+  return table;
+}
+
 }  // namespace
 
 double ggx(const Eigen::Vector3d& normal, const Eigen::Vector3d& in, const Eigen::Vector3d& out, double alpha) {
@@ -55,6 +75,7 @@ Paint::Paint(const Simulation& simulation) : of_(simulation.surfaces), seed_(sim
   for (const SimulatedSurface& s : of_) {
     base_.emplace_back(static_cast<float>(s.albedo[0]), static_cast<float>(s.albedo[1]),
                        static_cast<float>(s.albedo[2]), 0.0f);
+    glossy_albedo_.push_back(s.gloss > 0 ? albedo_table(s.roughness) : std::vector<double>());
     directing_scale_.push_back(s.directing > 0 ? 1 / directing_integral(s) : 1);
   }
 }
@@ -78,8 +99,7 @@ double Paint::texture(const SurfacePoint& at) const {
 double Paint::directed(const SurfacePoint& at, const Eigen::Vector3d& out) const {
   const SimulatedSurface& s = of_[at.surface];
   if (s.directing == 0) return 1 - s.gloss;
-  return (1 - s.gloss) * directing_scale_[at.surface] *
-         std::pow(std::max(0.0, axis_of(s, at).dot(out)), s.directing);
+  return (1 - s.gloss) * directing_scale_[at.surface] * std::pow(std::max(0.0, axis_of(s, at).dot(out)), s.directing);
 }
 
 double Paint::glossy(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const {
@@ -91,10 +111,20 @@ double Paint::lobe(const SurfacePoint& at, const Eigen::Vector3d& in, const Eige
   return is_diffuse(at.surface) ? 1 : directed(at, out) + glossy(at, in, out);
 }
 
+double Paint::evenly_lit(const SurfacePoint& at, const Eigen::Vector3d& out) const {
+  if (is_diffuse(at.surface)) return 1;
+  const std::vector<double>& table = glossy_albedo_[at.surface];
+  if (table.empty()) return directed(at, out);
+  const double x = std::clamp(at.normal.dot(out), 0.0, 1.0) * static_cast<double>(table.size() - 1);
+  const std::size_t i = std::min(static_cast<std::size_t>(x), table.size() - 2);
+  const double f = x - static_cast<double>(i);
+  return directed(at, out) + of_[at.surface].gloss * (table[i] * (1 - f) + table[i + 1] * f);
+}
+
 double Paint::daylight(const SurfacePoint& at) const {
   const SimulatedSurface& s = of_[at.surface];
-  const bool inside = at.u >= s.daylight_from[0] && at.u < s.daylight_to[0] && at.v >= s.daylight_from[1] &&
-                      at.v < s.daylight_to[1];
+  const bool inside =
+      at.u >= s.daylight_from[0] && at.u < s.daylight_to[0] && at.v >= s.daylight_from[1] && at.v < s.daylight_to[1];
   return inside ? s.daylight : 0;
 }
 

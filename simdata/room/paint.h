@@ -30,12 +30,13 @@ class Paint {
   double texture(const SurfacePoint& at) const;
   bool is_glossy(int surface) const { return of_[surface].gloss > 0; }
   bool is_diffuse(int surface) const { return of_[surface].gloss == 0 && of_[surface].directing == 0; }
-  double gloss(int surface) const { return of_[surface].gloss; }
   // Both directions unit, away from the point.
   double lobe(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const;
   // The two parts of lobe: what does not depend on where the light comes from, and what does.
   double directed(const SurfacePoint& at, const Eigen::Vector3d& out) const;
   double glossy(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const;
+  // The lobe's value towards `out` where light comes evenly from everywhere.
+  double evenly_lit(const SurfacePoint& at, const Eigen::Vector3d& out) const;
   // Share of light from behind that the screen lets through, in albedos.
   double transmission(int surface) const { return of_[surface].transmission; }
   // Irradiance by daylight.
@@ -45,7 +46,8 @@ class Paint {
  private:
   std::vector<SimulatedSurface> of_;
   std::vector<Eigen::Array4f> base_;
-  std::vector<double> directing_scale_;  // 1 / (its integral for the tilt)
+  std::vector<double> directing_scale_;             // 1 / (its integral for the tilt)
+  std::vector<std::vector<double>> glossy_albedo_;  // of the GGX lobe, at even steps of cos(out)
   std::uint64_t seed_ = 1;
 };
 

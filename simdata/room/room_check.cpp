@@ -39,10 +39,11 @@ Result<void> check_surface(const SimulatedSurface& s) {
                    "cannot be reflected: lower one of them",
                    what, a, a * most);
     if (a * most * (1 + s.transmission) > 1 && s.transmission > 0)
-      return error(ErrorCode::kBadValue,
-                   "[simulation] {}: albedo {} and a transmission of {} albedos make more light than arrives; lower one "
-                   "of them",
-                   what, a * most, s.transmission);
+      return error(
+          ErrorCode::kBadValue,
+          "[simulation] {}: albedo {} and a transmission of {} albedos make more light than arrives; lower one "
+          "of them",
+          what, a * most, s.transmission);
   }
   return {};
 }

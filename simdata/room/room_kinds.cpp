@@ -85,8 +85,9 @@ RigAndRoom cave4() {
   place(made, 1, {0.15, 2.8, 3.6}, whole(surface(made, "front-wall")));
   place(made, 2, {-1.05, 3.0, 2.5}, whole(surface(made, "right-wall")));
   place(made, 3, {0.1, 4.4, 1.3}, whole(surface(made, "floor")));
-  finish(made, "cave4", {0.3, 2.3, 5.6}, both(whole(surface(made, "front-wall")),
-                                             both(whole(surface(made, "left-wall")), whole(surface(made, "right-wall")))));
+  finish(made, "cave4", {0.3, 2.3, 5.6},
+         both(whole(surface(made, "front-wall")),
+              both(whole(surface(made, "left-wall")), whole(surface(made, "right-wall")))));
   return made;
 }
 
@@ -100,8 +101,9 @@ RigAndRoom five_face() {
   place(made, 2, {-1.0, 0.9, 3.3}, whole(surface(made, "right-wall")));
   place(made, 3, {0.1, 1.7, 3.6}, whole(surface(made, "floor")));
   place(made, 4, {-0.2, 0.5, 3.5}, whole(surface(made, "ceiling")));
-  finish(made, "five-face", {0.3, 1.2, 5.8}, both(whole(surface(made, "front-wall")),
-                                                 both(whole(surface(made, "left-wall")), whole(surface(made, "right-wall")))));
+  finish(made, "five-face", {0.3, 1.2, 5.8},
+         both(whole(surface(made, "front-wall")),
+              both(whole(surface(made, "left-wall")), whole(surface(made, "right-wall")))));
   return made;
 }
 
@@ -109,17 +111,17 @@ RigAndRoom five_face() {
 RigAndRoom closed_room() {
   RigAndRoom made = blank_room({"left", "right"});
   const double x0 = -2, x1 = 2.2, h = 2.6, z0 = 0, z1 = 5.1;
-  made.simulation.surfaces = {
-      rectangle("left-wall", {x0, 0, z1}, {0, 0, z0 - z1}, {0, h, 0}, {0.7, 0.68, 0.64}),
-      rectangle("front-wall", {x0, 0, z0}, {x1 - x0, 0, 0}, {0, h, 0}, {0.78, 0.78, 0.76}),
-      rectangle("right-wall", {x1, 0, z0}, {0, 0, z1 - z0}, {0, h, 0}, {0.66, 0.69, 0.72}),
-      rectangle("back-wall", {x1, 0, z1}, {x0 - x1, 0, 0}, {0, h, 0}, {0.3, 0.28, 0.26}),
-      rectangle("floor", {x0, 0, z1}, {x1 - x0, 0, 0}, {0, 0, z0 - z1}, {0.35, 0.3, 0.25}),
-      rectangle("ceiling", {x0, h, z0}, {x1 - x0, 0, 0}, {0, 0, z1 - z0}, {0.8, 0.8, 0.8})};
+  made.simulation.surfaces = {rectangle("left-wall", {x0, 0, z1}, {0, 0, z0 - z1}, {0, h, 0}, {0.7, 0.68, 0.64}),
+                              rectangle("front-wall", {x0, 0, z0}, {x1 - x0, 0, 0}, {0, h, 0}, {0.78, 0.78, 0.76}),
+                              rectangle("right-wall", {x1, 0, z0}, {0, 0, z1 - z0}, {0, h, 0}, {0.66, 0.69, 0.72}),
+                              rectangle("back-wall", {x1, 0, z1}, {x0 - x1, 0, 0}, {0, h, 0}, {0.3, 0.28, 0.26}),
+                              rectangle("floor", {x0, 0, z1}, {x1 - x0, 0, 0}, {0, 0, z0 - z1}, {0.35, 0.3, 0.25}),
+                              rectangle("ceiling", {x0, h, z0}, {x1 - x0, 0, 0}, {0, 0, z1 - z0}, {0.8, 0.8, 0.8})};
   place(made, 0, {0.8, 2.2, 3.6}, part(surface(made, "left-wall"), 0.42, 0.1, 0.99, 0.9));
   place(made, 1, {-0.5, 2.1, 3.9}, part(surface(made, "front-wall"), 0.3, 0.08, 0.98, 0.92));
   finish(made, "closed-room", {1.3, 1.5, 4.8},
-         both(part(surface(made, "front-wall"), 0.02, 0.06, 0.95, 0.94), part(surface(made, "left-wall"), 0.45, 0.06, 1, 0.94)));
+         both(part(surface(made, "front-wall"), 0.02, 0.06, 0.95, 0.94),
+              part(surface(made, "left-wall"), 0.45, 0.06, 1, 0.94)));
   return made;
 }
 
@@ -173,9 +175,8 @@ RigAndRoom dome() {
 // An L: a panel that stands at the back of a table, 104 degrees apart.
 RigAndRoom workbench() {
   RigAndRoom made = blank_room({"panel", "table"});
-  made.simulation.surfaces = {
-      rectangle("panel", {-0.85, 0.9, 0}, {1.7, 0, 0}, {0, 0.97, -0.24}, {0.8, 0.79, 0.77}),
-      rectangle("table", {-0.85, 0.9, 0.95}, {1.75, 0, 0}, {0, 0, -0.95}, {0.74, 0.76, 0.78})};
+  made.simulation.surfaces = {rectangle("panel", {-0.85, 0.9, 0}, {1.7, 0, 0}, {0, 0.97, -0.24}, {0.8, 0.79, 0.77}),
+                              rectangle("table", {-0.85, 0.9, 0.95}, {1.75, 0, 0}, {0, 0, -0.95}, {0.74, 0.76, 0.78})};
   made.simulation.surfaces[0].patchwork = 0.06;
   place(made, 0, {0.25, 2.5, 2.0}, both(whole(surface(made, "panel")), part(surface(made, "table"), 0, 0.6, 1, 1)));
   place(made, 1, {-0.3, 2.9, 1.5}, both(whole(surface(made, "table")), part(surface(made, "panel"), 0, 0, 1, 0.4)));

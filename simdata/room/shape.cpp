@@ -163,8 +163,7 @@ SphereShape::SphereShape(const SimulatedSurface& s)
 
 SurfacePoint SphereShape::at(double u, double v) const {
   const double azimuth = first_ + u * turn_, elevation = low_ + v * rise_;
-  const Eigen::Vector3d out =
-      std::cos(elevation) * outward(azimuth) + Eigen::Vector3d(0, std::sin(elevation), 0);
+  const Eigen::Vector3d out = std::cos(elevation) * outward(azimuth) + Eigen::Vector3d(0, std::sin(elevation), 0);
   SurfacePoint p;
   p.u = u, p.v = v;
   p.x = centre_ + radius_ * out;
@@ -179,8 +178,7 @@ double SphereShape::area_element(double, double v) const {
 
 std::optional<ShapeHit> SphereShape::intersect(const Ray& ray, double t_near) const {
   const Eigen::Vector3d o = ray.origin - centre_;
-  const auto both =
-      roots(ray.direction.squaredNorm(), o.dot(ray.direction), o.squaredNorm() - radius_ * radius_);
+  const auto both = roots(ray.direction.squaredNorm(), o.dot(ray.direction), o.squaredNorm() - radius_ * radius_);
   if (!both) return std::nullopt;
   for (const double t : {both->first, both->second}) {
     if (!(t > t_near)) continue;
@@ -251,7 +249,8 @@ std::optional<ShapeHit> MeshShape::intersect(const Ray& ray, double t_near) cons
   std::optional<ShapeHit> nearest;
   for (int f = 0; f < static_cast<int>(mesh_.faces.size()); ++f) {
     const auto hit = intersect_face(f, ray);
-    if (!hit || hit->b1 < -kSlack || hit->b2 < -kSlack || hit->b1 + hit->b2 > 1 + kSlack || !(hit->t > t_near)) continue;
+    if (!hit || hit->b1 < -kSlack || hit->b2 < -kSlack || hit->b1 + hit->b2 > 1 + kSlack || !(hit->t > t_near))
+      continue;
     if (!nearest || hit->t < nearest->t) nearest = hit;
   }
   return nearest;

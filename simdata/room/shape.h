@@ -14,12 +14,12 @@ namespace countershade::simdata {
 
 // A point of a surface of the room.
 struct SurfacePoint {
-  int surface = -1;            // -1 = nowhere
-  double u = 0, v = 0;         // chart
-  int face = -1;               // of a mesh: triangle, and the weights of its second and third corner
+  int surface = -1;     // -1 = nowhere
+  double u = 0, v = 0;  // chart
+  int face = -1;        // of a mesh: triangle, and the weights of its second and third corner
   double b1 = 0, b2 = 0;
-  Eigen::Vector3d x{0, 0, 0};  // world
-  Eigen::Vector3d normal{0, 0, 1};  // unit, towards the lit side
+  Eigen::Vector3d x{0, 0, 0};        // world
+  Eigen::Vector3d normal{0, 0, 1};   // unit, towards the lit side
   Eigen::Vector3d along_u{1, 0, 0};  // unit tangent
 };
 
@@ -59,7 +59,9 @@ class RectangleShape final : public Shape {
   Form form() const override { return Form::kFlat; }
   SurfacePoint at(double u, double v) const override;
   double area_element(double, double) const override { return area_; }
-  double diagonal(double, double, double du, double dv) const override { return (du * along_u_ + dv * along_v_).norm(); }
+  double diagonal(double, double, double du, double dv) const override {
+    return (du * along_u_ + dv * along_v_).norm();
+  }
   std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const override;
   bool encloses(const Eigen::Vector3d& x) const override { return (x - origin_).dot(normal_) > -1e-9; }
 

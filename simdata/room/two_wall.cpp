@@ -171,7 +171,8 @@ bool stands_before(const Simulation& room, const SimulatedProjector& p) {
 // Corners of a wall, and of so many metres of its neighbour beside the crease.
 std::vector<Eigen::Vector3d> with_spill(const Screen& screen, int wall, double metres) {
   const Surface &own = *screen.surfaces[wall], &other = *screen.surfaces[1 - wall];
-  const double width = (other.point(1, 0) - other.point(0, 0)).norm(), u = wall == 0 ? metres / width : 1 - metres / width;
+  const double width = (other.point(1, 0) - other.point(0, 0)).norm(),
+               u = wall == 0 ? metres / width : 1 - metres / width;
   std::vector<Eigen::Vector3d> points;
   for (double v : {0.0, 1.0}) points.insert(points.end(), {own.point(0, v), own.point(1, v), other.point(u, v)});
   return points;

@@ -61,10 +61,30 @@ Rig full_rig() {
 Simulation full_simulation() {
   Simulation s{"my room", 0.013, 0xfedcba9876543210ull, 5000, 24, {}, {}, {}};
   for (const char* shape : {"rectangle", "cylinder", "cone", "sphere", "mesh"}) {
-    SimulatedSurface surface{shape,        shape,        {0.1, 0.2, 0.3}, {1.1, 0.4, 0.5}, {0.6, 1.2, 0.7}, 2.1,
-                             1.3,          1.9,          {-31, 42},       {3, 64},         "outside",       "/m/a.ply",
-                             0.01,         {0.5, 0.6, 0.55}, 0.04,        0.05,            {5, 6},          0.07,
-                             0.35,         1.5,          {8, -9},         0.9,             0.11,            {0.12, 0.13},
+    SimulatedSurface surface{shape,
+                             shape,
+                             {0.1, 0.2, 0.3},
+                             {1.1, 0.4, 0.5},
+                             {0.6, 1.2, 0.7},
+                             2.1,
+                             1.3,
+                             1.9,
+                             {-31, 42},
+                             {3, 64},
+                             "outside",
+                             "/m/a.ply",
+                             0.01,
+                             {0.5, 0.6, 0.55},
+                             0.04,
+                             0.05,
+                             {5, 6},
+                             0.07,
+                             0.35,
+                             1.5,
+                             {8, -9},
+                             0.9,
+                             0.11,
+                             {0.12, 0.13},
                              {0.34, 0.45}};
     s.surfaces.push_back(surface);
   }

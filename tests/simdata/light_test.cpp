@@ -79,7 +79,8 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
       const Eigen::Vector3d point = ray.origin + g.depth.at(x, y) * ray.direction.normalized();
       const Eigen::Vector3d normal(g.normal.at(x, y, 0), g.normal.at(x, y, 1), g.normal.at(x, y, 2));
       const double unit = irradiance(p, point, normal) / (p.throw_ratio * p.throw_ratio);
-      const double distance = std::sqrt(lit.at(x, y, 0) / simulator->scale(0) / room.simulation.surfaces[0].albedo[0] / unit);
+      const double distance =
+          std::sqrt(lit.at(x, y, 0) / simulator->scale(0) / room.simulation.surfaces[0].albedo[0] / unit);
       EXPECT_GT(distance, 3.5);
       EXPECT_LT(distance, 4.6);  // the projector stands 3.5 to 4.6 m from its wall's points
       ++checked;

@@ -49,7 +49,8 @@ TEST(RoomScreen, WallsMeetInTheCreaseAtTheStatedAngleAndFaceTheAudience) {
   const Screen screen = simdata::room_screen(s);
   const Eigen::Vector3d left = screen.surfaces[0]->point(0, 0) - screen.surfaces[0]->point(1, 0);
   const Eigen::Vector3d right = screen.surfaces[1]->point(1, 0) - screen.surfaces[1]->point(0, 0);
-  EXPECT_NEAR(std::acos(left.normalized().dot(right.normalized())) * 180 / std::numbers::pi, 97, 1e-3);  // hundredths of a millimetre
+  EXPECT_NEAR(std::acos(left.normalized().dot(right.normalized())) * 180 / std::numbers::pi, 97,
+              1e-3);  // hundredths of a millimetre
   EXPECT_NEAR(left.norm(), 3, 1e-5);
   EXPECT_NEAR(right.norm(), 2.6, 1e-5);
   EXPECT_LT(left.x(), 0);

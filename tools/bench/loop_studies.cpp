@@ -125,7 +125,8 @@ Result<Study> two_wall_loop(const StudyContext& context) {
     const simdata::RigAndRoom room = simdata::random_two_wall(hash_name("two-wall-loop") + seed);
     const Result<Measured> made = measure_room(room, context.output / "two-wall-loop", *context.progress);
     if (!made) {
-      study.rows.push_back({fmt::format("{}", seed), fmt::format("{:.1f}", simdata::edge_angle_deg(room.simulation)), "refused"});
+      study.rows.push_back(
+          {fmt::format("{}", seed), fmt::format("{:.1f}", simdata::edge_angle_deg(room.simulation)), "refused"});
       study.rows.back().resize(study.columns.size(), "-");
       study.notes.push_back(fmt::format("seed {} is refused: {}", seed, made.error().message));
       least = 0;

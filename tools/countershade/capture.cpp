@@ -6,6 +6,7 @@
 #include "calib/file/file.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/devices.h"
+#include "tools/job/truth_files.h"
 
 namespace countershade::tools {
 
@@ -16,6 +17,8 @@ namespace fs = std::filesystem;
 struct Options {
   fs::path rig, out, photos, sequence;
   std::string faults;
+  fs::path truth;
+  TruthOptions truth_options;
 };
 
 Answer session_answer(const fs::path& session, std::size_t frames) {
@@ -54,6 +57,8 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
   CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress, std::move(faults)));
   const Sequence sequence = capture::default_sequence(rig);
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
+  if (!options.truth.empty())
+    CS_TRY_VOID(write_truth(*open.simulator, sequence, options.truth, options.truth_options, *context.progress));
   CS_TRY_VOID(capture::capture_session(rig, simulation, sequence, open.devices, options.out, {}, *context.progress));
   CS_TRY_VOID(context.record(options.out, {options.rig}));
   return session_answer(options.out, sequence.frames.size());
@@ -107,6 +112,16 @@ void add_simulate(CLI::App& app, Action& action) {
                         *options, "session");
   verb->get_option("rig")->required(false);  // not for `--faults list`
   verb->add_option("--faults", options->faults, "what goes wrong: name=value@photo,...; `list` shows them all");
+  verb->add_option("--truth", options->truth,
+                   "folder to write the room's truth to: geometry, correspondences, form factors, transport, devices");
+  verb->add_option("--truth-patches", options->truth_options.patches, "patches per surface along u and v")
+      ->delimiter(',')
+      ->check(CLI::Range(1, 4096))
+      ->capture_default_str();
+  verb->add_option("--truth-rays", options->truth_options.rays, "rays per patch")
+      ->check(CLI::Range(100, 10000000))
+      ->capture_default_str();
+  verb->add_flag("--truth-light", options->truth_options.light, "direct and indirect light of every frame, too");
   verb->callback(
       [options, &action] { action = [options](const Context& c) { return run_capture(*options, true, c); }; });
 }
