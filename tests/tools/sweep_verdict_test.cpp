@@ -32,17 +32,24 @@ TEST(SweepVerdict, APassIsSilenceAboutAWrongShow) {
 }
 
 TEST(SweepVerdict, EveryKindOfComplaintEndsTheSilence) {
-  std::vector<SweepPoint> points(5, shown(2));
+  std::vector<SweepPoint> points(4, shown(2));
   points[0].refusal = "k > 1";
   points[1].pass = false;
   points[2].check = "camera: stale frames";
-  points[3].notes = "taking it again";
-  points[4].held_out_percent = 0.41;
+  points[3].held_out_percent = 0.41;
   std::vector<Said> heard;
   for (const SweepPoint& p : points) heard.push_back(said(p, kBounds));
-  EXPECT_THAT(heard, ElementsAre(Said::kRefused, Said::kFail, Said::kCheck, Said::kNoted, Said::kHeldOut));
+  EXPECT_THAT(heard, ElementsAre(Said::kRefused, Said::kFail, Said::kCheck, Said::kHeldOut));
   EXPECT_EQ(judge(points[0], kBounds), PointVerdict::kRefused);
-  for (int i = 1; i < 5; ++i) EXPECT_EQ(judge(points[i], kBounds), PointVerdict::kSaidSo) << i;
+  for (int i = 1; i < 4; ++i) EXPECT_EQ(judge(points[i], kBounds), PointVerdict::kSaidSo) << i;
+}
+
+TEST(SweepVerdict, ANoteIsNoComplaint) {
+  SweepPoint wrong = shown(2), right = shown(0.1);
+  wrong.notes = right.notes = "taking it again";
+  EXPECT_EQ(said(wrong, kBounds), Said::kNoted);
+  EXPECT_EQ(judge(wrong, kBounds), PointVerdict::kSilent);
+  EXPECT_EQ(judge(right, kBounds), PointVerdict::kRight);
 }
 
 TEST(SweepVerdict, TheLoudestComplaintIsTheOneThatIsTold) {
@@ -83,6 +90,16 @@ TEST(SweepVerdict, OneSilentWrongAnswerMakesASweepShort) {
   EXPECT_EQ(v.silent, 2);
   EXPECT_DOUBLE_EQ(v.worst_silent_percent, 0.7);
   EXPECT_THAT(text_of(v), HasSubstr("2 wrong in silence (up to 0.70 % of white)"));
+}
+
+TEST(SweepVerdict, CountsWhatOnlyVerifyNoticed) {
+  SweepPoint failed = shown(2), checked = shown(2), alarmed = shown(0.1);
+  failed.pass = checked.pass = alarmed.pass = false;
+  failed.notes = "taking it again";
+  checked.check = "latency";
+  const SweepVerdict v = judge(std::vector<SweepPoint>{failed, checked, alarmed}, kBounds);
+  EXPECT_EQ(v.said_so, 2);
+  EXPECT_EQ(v.by_verify_alone, 1);
 }
 
 TEST(SweepVerdict, ASweepWithoutPointsProvesNothing) {

@@ -49,10 +49,9 @@ def sim_speed(rows, axes):
     axes.legend()
 
 
-SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "held-out": ("D", "held-out error above its bound"), "note": ("P", "capture took photos again"),
+SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "note": ("P", "capture took photos again"), "held-out": ("D", "held-out error above its bound"),
         "check": ("^", "check complained"), "FAIL": ("s", "verify: FAIL"), "refused": ("X", "refused (no show)")}
 OTHERS = {"none": ":", "paper H=1": "--", "one k": "-."}
-FLOOR = 1e-3  # % of white: below it nothing is drawn apart
 
 
 def number(text):
@@ -67,24 +66,27 @@ def scale(axes, values):
     if len(sizes) == sum(v == v for v in values) and min(values) > 0:
         axes.set_xscale("log")
     elif max(sizes) > 10 * min(sizes):
-        axes.set_xscale("symlog", linthresh=min(sizes))
+        axes.set_xscale("symlog", linthresh=min(sizes), linscale=0.5)
+        axes.set_xlim(0 - 0.4 * min(sizes) if min(values) == 0 else 1.4 * min(values), 1.4 * max(values))
 
 
 def sweep(rows, labels, figure):
     """Residual by the simulator's truth against the parameter and against its predictor; marks say what the program said."""
-    left, right = figure.subplots(1, 2, sharey=True)
+    left, right, legend = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1, 1, 0.42]})
+    right.sharey(left)
+    legend.axis("off")
     series = list(dict.fromkeys(row["series"] for row in rows))
     for axes, column in [(left, "value"), (right, "predictor")]:
         for i, name in enumerate(series):
             chosen = sorted((r for r in rows if r["series"] == name and r[column] != "-"), key=lambda r: number(r[column]))
             at = [number(r[column]) for r in chosen]
-            for method, style in OTHERS.items():
-                axes.plot(at, [max(FLOOR, number(r[f"{method} % W"])) for r in chosen], style, color=f"C{i}", lw=0.8, alpha=0.6)
-            axes.plot(at, [max(FLOOR, number(r["ours % W"])) for r in chosen], "-", color=f"C{i}", lw=1.6)
+            for method, style in OTHERS.items() if axes is left else []:
+                axes.plot(at, [number(r[f"{method} % W"]) for r in chosen], style, color=f"C{i}", lw=0.8, alpha=0.6)
+            axes.plot(at, [number(r["ours % W"]) for r in chosen], "-", color=f"C{i}", lw=1.6, alpha=1 if axes is left else 0.4)
             for row, x in zip(chosen, at):
                 shown = row["said"] != "refused"
-                y = max(FLOOR, number(row["ours % W" if shown else "none % W"]))  # refused: the plain show is what remains
-                axes.plot(x, y, SAID[row["said"]][0], color=f"C{i}", ms=7, mfc="white" if row["said"] in ("PASS", "nothing") else f"C{i}")
+                y = number(row["ours % W" if shown else "none % W"])  # refused: the plain show is what remains
+                axes.plot(x, y, SAID[row["said"]][0], color=f"C{i}", ms=9 - 1.5 * i, mfc="white" if row["said"] in ("PASS", "nothing") else f"C{i}")
                 if row["verdict"] == "silent":
                     axes.plot(x, y, "o", color="red", ms=15, mfc="none", mew=2)
         axes.axhline(float(labels["bound"]), color="0.4", lw=0.8)
@@ -100,7 +102,7 @@ def sweep(rows, labels, figure):
     keys += [plt.Line2D([], [], color="0.3", ls="", marker=m, mfc="white" if said in ("PASS", "nothing") else "0.3", label=text) for m, text, said in sorted(heard, key=lambda h: list(SAID).index(h[2]))]
     if any(row["verdict"] == "silent" for row in rows):
         keys.append(plt.Line2D([], [], color="red", ls="", marker="o", ms=11, mfc="none", mew=2, label="wrong in silence"))
-    figure.legend(handles=keys, loc="outside right center", fontsize=8, frameon=False)
+    legend.legend(handles=keys, loc="center left", fontsize=8, frameon=False)
 
 
 PLOTS = {"first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}

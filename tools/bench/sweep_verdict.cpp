@@ -30,15 +30,15 @@ Said said(const SweepPoint& p, const SweepBounds& bounds) {
   if (!p.refusal.empty()) return Said::kRefused;
   if (p.pass && !*p.pass) return Said::kFail;
   if (!p.check.empty()) return Said::kCheck;
-  if (!p.notes.empty()) return Said::kNoted;
   if (p.held_out_percent > bounds.held_out_percent) return Said::kHeldOut;
+  if (!p.notes.empty()) return Said::kNoted;
   return p.pass ? Said::kPass : Said::kNothing;
 }
 
 PointVerdict judge(const SweepPoint& p, const SweepBounds& bounds) {
   const Said loudest = said(p, bounds);
   if (loudest == Said::kRefused) return PointVerdict::kRefused;
-  const bool complained = loudest > Said::kPass;
+  const bool complained = is_complaint(loudest);
   const bool right = !p.methods.empty() && p.methods.back().percent <= bounds.residual_percent;
   if (right) return complained ? PointVerdict::kFalseAlarm : PointVerdict::kRight;
   return complained ? PointVerdict::kSaidSo : PointVerdict::kSilent;
@@ -54,6 +54,9 @@ SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bou
     v.refused += one == PointVerdict::kRefused;
     v.said_so += one == PointVerdict::kSaidSo;
     v.silent += one == PointVerdict::kSilent;
+    SweepPoint unverified = p;
+    unverified.pass.reset();
+    v.by_verify_alone += one == PointVerdict::kSaidSo && !is_complaint(said(unverified, bounds));
     if (one == PointVerdict::kSilent && !p.methods.empty())
       v.worst_silent_percent = std::fmax(v.worst_silent_percent, p.methods.back().percent);
   }
@@ -62,15 +65,15 @@ SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bou
 
 std::string text_of(const SweepVerdict& v) {
   std::string text = fmt::format(
-      "{} points: {} right, {} false alarms, {} refused, {} wrong and said so, {} wrong in "
+      "{} points: {} right, {} false alarms, {} refused, {} wrong and said so ({} by verify alone), {} wrong in "
       "silence",
-      v.points, v.right, v.false_alarms, v.refused, v.said_so, v.silent);
+      v.points, v.right, v.false_alarms, v.refused, v.said_so, v.by_verify_alone, v.silent);
   if (v.silent > 0) text += fmt::format(" (up to {:.2f} % of white)", v.worst_silent_percent);
   return text;
 }
 
 const char* text_of(Said said) {
-  constexpr const char* kTexts[] = {"nothing", "PASS", "held-out", "note", "check", "FAIL", "refused"};
+  constexpr const char* kTexts[] = {"nothing", "PASS", "note", "held-out", "check", "FAIL", "refused"};
   return kTexts[static_cast<int>(said)];
 }
 

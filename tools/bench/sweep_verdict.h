@@ -12,9 +12,13 @@ namespace countershade::bench {
 
 inline constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
-// The loudest thing that the program said at a point, from silence upward. A PASS of verify is silence about an error.
-// kHeldOut is a number without a sentence: the printed held-out error is above the bound that the project states.
-enum class Said { kNothing, kPass, kHeldOut, kNoted, kCheck, kFail, kRefused };
+// The loudest thing that the program said at a point, from silence upward. A PASS of verify is silence about an error,
+// and so is a note, which tells what was set right ("taking it again"). kHeldOut is a number without a sentence: the
+// printed held-out error is above the bound that the project states.
+enum class Said { kNothing, kPass, kNoted, kHeldOut, kCheck, kFail, kRefused };
+inline bool is_complaint(Said said) {
+  return said > Said::kNoted;
+}
 
 // Light that is left by the simulator's truth: mean |C - T| [% of W], and mean |U - T| / mean |C - T|.
 struct Residual {
@@ -48,12 +52,13 @@ PointVerdict judge(const SweepPoint& point, const SweepBounds& bounds);
 
 struct SweepVerdict {
   int points = 0, right = 0, false_alarms = 0, refused = 0, said_so = 0, silent = 0;
+  int by_verify_alone = 0;          // of those who said so: nothing before verify complained
   double worst_silent_percent = 0;  // largest residual among the silent ones
   bool ok() const { return points > 0 && silent == 0; }
 };
 SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bounds);
 
-// "8 points: 3 right, 1 refused, 4 wrong and said so, 0 wrong in silence"
+// "8 points: 3 right, 0 false alarms, 1 refused, 4 wrong and said so (1 by verify alone), 0 wrong in silence"
 std::string text_of(const SweepVerdict& verdict);
 const char* text_of(Said said);
 const char* text_of(PointVerdict verdict);
