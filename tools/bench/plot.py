@@ -60,10 +60,11 @@ def number(text):
 
 def scale(axes, values):
     """Logarithmic over more than a decade, linear around zero where there is one."""
-    sizes = [abs(v) for v in values if v == v and v != 0]
+    values = [v if abs(v) > 1e-3 * max(map(abs, values)) else 0 for v in values]  # a thousandth of the range is none
+    sizes = [abs(v) for v in values if v != 0]
     if not sizes or max(sizes) < 4 * min(sizes):
         return
-    if len(sizes) == sum(v == v for v in values) and min(values) > 0:
+    if len(sizes) == len(values) and min(values) > 0:
         axes.set_xscale("log")
     elif max(sizes) > 10 * min(sizes):
         axes.set_xscale("symlog", linthresh=min(sizes), linscale=0.5)
