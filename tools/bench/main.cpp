@@ -4,7 +4,9 @@
 #include <nlohmann/json.hpp>
 
 #include "calib/file/file.h"
+#include "calib/file/nearest.h"
 #include "tools/bench/study.h"
+#include "tools/bench/sweep.h"
 #include "tools/countershade/console.h"
 
 namespace countershade::bench {
@@ -16,17 +18,6 @@ const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"real-board", real_board},     {"two-wall-loop", two_wall_loop}, {"verify-honest", verify_honest},
     {"sim-faults", sim_faults},     {"sim-speed", sim_speed},
 };
-
-std::string csv_of(const Study& study) {
-  std::string text;
-  const auto line = [&](const std::vector<std::string>& cells) {
-    for (std::size_t i = 0; i < cells.size(); ++i) text += (i ? "," : "") + cells[i];
-    text += "\n";
-  };
-  line(study.columns);
-  for (const auto& row : study.rows) line(row);
-  return text;
-}
 
 void print(const Study& study) {
   std::vector<std::size_t> width;
@@ -43,17 +34,46 @@ void print(const Study& study) {
   for (const auto& note : study.notes) std::printf("note: %s\n", note.c_str());
 }
 
-Result<bool> run_one(const std::string& name, StudyFunction function, const StudyContext& context) {
-  CS_TRY(const Study study, function(context));
+// Prints a study and writes NAME.json and NAME.csv; whether it is ok.
+Result<bool> publish(const std::string& name, const Study& study, const StudyContext& context) {
   print(study);
-  const nlohmann::json document = {{"study", name},        {"title", study.title}, {"columns", study.columns},
-                                   {"rows", study.rows},   {"notes", study.notes}, {"figure", study.figure},
-                                   {"bound", study.bound}, {"ok", study.ok}};
+  nlohmann::json document = {{"study", name},        {"title", study.title}, {"columns", study.columns},
+                             {"rows", study.rows},   {"notes", study.notes}, {"figure", study.figure},
+                             {"bound", study.bound}, {"ok", study.ok}};
+  for (const auto& [label, text] : study.labels) document["labels"][label] = text;
   CS_TRY_VOID(write_atomically(context.output / (name + ".json"), document.dump(1) + "\n"));
   CS_TRY_VOID(write_atomically(context.output / (name + ".csv"), csv_of(study)));
   std::printf("%s: %s (%s) %s\n", name.c_str(), study.figure.c_str(), study.bound.c_str(), study.ok ? "ok" : "short");
   std::fflush(stdout);
   return study.ok;
+}
+
+Result<bool> run_one(const std::string& name, StudyFunction function, const StudyContext& context) {
+  CS_TRY(const Study study, function(context));
+  return publish(name, study, context);
+}
+
+// 0: all ok; 1: some are short; 2: the harness failed or does not know a name.
+int run_sweeps(const std::vector<std::string>& names, bool quick, const StudyContext& context) {
+  std::vector<std::string> known{"all"};
+  for (const Sweep& s : sweeps()) known.push_back(s.name);
+  for (const std::string& name : names)
+    if (std::find(known.begin(), known.end(), name) == known.end()) {
+      std::fprintf(stderr, "no sweep '%s'; the nearest is '%s' (`sweep` without a name lists them)\n", name.c_str(),
+                   nearest(name, known).c_str());
+      return 2;
+    }
+  const bool all = std::find(names.begin(), names.end(), "all") != names.end();
+  int status = 0;
+  for (const Sweep& s : sweeps()) {
+    if (names.empty()) std::printf("%-10s %s: %s\n", s.name.c_str(), s.title.c_str(), s.predictor_name.c_str());
+    if (!all && std::find(names.begin(), names.end(), s.name) == names.end()) continue;
+    const Result<Study> study = run_sweep(s, quick, context);
+    const Result<bool> ok = study ? publish(s.name, *study, context) : Result<bool>(study.error());
+    if (!ok) std::fprintf(stderr, "%s: %s\n", s.name.c_str(), ok.error().message.c_str());
+    status = std::max(status, !ok ? 2 : *ok ? 0 : 1);
+  }
+  return status;
 }
 
 int run(int argc, char** argv) {
@@ -62,10 +82,18 @@ int run(int argc, char** argv) {
   std::filesystem::path output = "bench";
   app.add_option("names", names, "studies to run; all without a name");
   app.add_option("--output", output, "folder for NAME.json and NAME.csv")->capture_default_str();
+  auto* sweep =
+      app.add_subcommand("sweep", "where the method fails, and whether it says so; lists them without a name");
+  std::vector<std::string> swept;
+  bool quick = false;
+  sweep->add_option("names", swept, "sweeps to run, or `all`");
+  sweep->add_flag("--quick", quick, "few points in a smaller room");
+  sweep->fallthrough();
   CLI11_PARSE(app, argc, argv);
   tools::ConsoleProgress progress(tools::default_console_mode());
   std::error_code code;
   std::filesystem::create_directories(output, code);
+  if (*sweep) return run_sweeps(swept, quick, {output, &progress});
   bool all_ok = true;
   for (const std::string& name : names)
     if (std::none_of(kStudies.begin(), kStudies.end(), [&](const auto& s) { return s.first == name; })) {

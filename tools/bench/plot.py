@@ -1,6 +1,8 @@
 #!/usr/bin/env python3
-"""Draws NAME.png beside NAME.csv for the studies that a picture helps. Usage: plot.py FOLDER [NAME...]"""
+"""Draws NAME.png beside NAME.csv for the studies that a picture helps. Usage: plot.py FOLDER [NAME...]
+or plot.py FOLDER sweep NAME...: those of sweeps; `all` = every one that lies there. Options (--..) are not for us."""
 import csv
+import json
 import pathlib
 import sys
 
@@ -47,19 +49,95 @@ def sim_speed(rows, axes):
     axes.legend()
 
 
+SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "note": ("P", "capture took photos again"), "held-out": ("D", "held-out error above its bound"),
+        "check": ("^", "check complained"), "FAIL": ("s", "verify: FAIL"), "refused": ("X", "refused (no show)")}
+OTHERS = {"none": ":", "paper H=1": "--", "one k": "-."}
+
+
+def number(text):
+    return float("nan") if text == "-" else float(text)
+
+
+def scale(axes, values):
+    """Logarithmic over more than a decade, linear around zero where there is one."""
+    values = [v if abs(v) > 1e-3 * max(map(abs, values)) else 0 for v in values]  # a thousandth of the range is none
+    sizes = [abs(v) for v in values if v != 0]
+    if not sizes or max(sizes) < 4 * min(sizes):
+        return
+    if len(sizes) == len(values) and min(values) > 0:
+        axes.set_xscale("log")
+    elif max(sizes) > 10 * min(sizes):
+        axes.set_xscale("symlog", linthresh=min(sizes), linscale=0.5)
+        axes.set_xlim(0 - 0.4 * min(sizes) if min(values) == 0 else 1.4 * min(values), 1.4 * max(values))
+
+
+def sweep(rows, labels, figure):
+    """Residual by the simulator's truth against the parameter and against its predictor; marks say what the program said."""
+    left, right, legend = figure.subplots(1, 3, gridspec_kw={"width_ratios": [1, 1, 0.42]})
+    right.sharey(left)
+    legend.axis("off")
+    series = list(dict.fromkeys(row["series"] for row in rows))
+    for axes, column in [(left, "value"), (right, "predictor")]:
+        for i, name in enumerate(series):
+            chosen = sorted((r for r in rows if r["series"] == name and r[column] != "-"), key=lambda r: number(r[column]))
+            at = [number(r[column]) for r in chosen]
+            for method, style in OTHERS.items() if axes is left else []:
+                axes.plot(at, [number(r[f"{method} % W"]) for r in chosen], style, color=f"C{i}", lw=0.8, alpha=0.6)
+            axes.plot(at, [number(r["ours % W"]) for r in chosen], "-", color=f"C{i}", lw=1.6, alpha=1 if axes is left else 0.4)
+            for row, x in zip(chosen, at):
+                shown = row["said"] != "refused"
+                y = number(row["ours % W" if shown else "none % W"])  # refused: the plain show is what remains
+                axes.plot(x, y, SAID[row["said"]][0], color=f"C{i}", ms=9 - 1.5 * i, mfc="white" if row["said"] in ("PASS", "nothing") else f"C{i}")
+                if row["verdict"] == "silent":
+                    axes.plot(x, y, "o", color="red", ms=15, mfc="none", mew=2)
+        axes.axhline(float(labels["bound"]), color="0.4", lw=0.8)
+        axes.set_yscale("log")
+        scale(axes, [number(r[column]) for r in rows if r[column] != "-"])
+        axes.grid(alpha=0.2)
+    left.set(xlabel=labels["unit"], ylabel="light that is left, % of white")
+    right.set(xlabel=labels["predictor"])
+    keys = [plt.Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(series)]
+    keys += [plt.Line2D([], [], color="0.3", ls=style, lw=0.8, label=method) for method, style in OTHERS.items()]
+    keys += [plt.Line2D([], [], color="0.3", lw=1.6, label="ours")]
+    heard = {SAID[row["said"]] + (row["said"],) for row in rows}
+    keys += [plt.Line2D([], [], color="0.3", ls="", marker=m, mfc="white" if said in ("PASS", "nothing") else "0.3", label=text) for m, text, said in sorted(heard, key=lambda h: list(SAID).index(h[2]))]
+    if any(row["verdict"] == "silent" for row in rows):
+        keys.append(plt.Line2D([], [], color="red", ls="", marker="o", ms=11, mfc="none", mew=2, label="wrong in silence"))
+    legend.legend(handles=keys, loc="center left", fontsize=8, frameon=False)
+
+
 PLOTS = {"first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
 
 
+def sweeps_in(folder):
+    return [p.stem for p in sorted(folder.glob("*.json")) if "labels" in json.loads(p.read_text())]
+
+
+def draw(folder, name):
+    source = folder / f"{name}.csv"
+    if not source.exists():
+        return
+    document = folder / f"{name}.json"
+    labels = json.loads(document.read_text()).get("labels") if document.exists() else None
+    figure = plt.figure(figsize=(13, 4.8) if labels else (8, 4.5), layout="constrained")
+    if labels:
+        sweep(rows_of(source), labels, figure)
+    elif name in PLOTS:
+        PLOTS[name](rows_of(source), figure.subplots())
+    else:
+        return
+    figure.savefig(folder / f"{name}.png", dpi=130)
+    print(folder / f"{name}.png")
+
+
 def main():
-    folder, names = pathlib.Path(sys.argv[1]), sys.argv[2:] or list(PLOTS)
+    folder, names = pathlib.Path(sys.argv[1]), [a for a in sys.argv[2:] if not a.startswith("--")]
+    if names[:1] == ["sweep"]:
+        names = sweeps_in(folder) if "all" in names else names[1:]
+    elif not names:
+        names = list(PLOTS)
     for name in names:
-        source = folder / f"{name}.csv"
-        if name not in PLOTS or not source.exists():
-            continue
-        figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-        PLOTS[name](rows_of(source), axes)
-        figure.savefig(folder / f"{name}.png", dpi=130)
-        print(folder / f"{name}.png")
+        draw(folder, name)
 
 
 main()

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "calib/base/progress.h"
@@ -18,6 +19,7 @@ struct Study {
   std::vector<std::string> notes;
   std::string figure, bound;  // "suppression 31x at worst", ">= 20x"
   bool ok = false;
+  std::vector<std::pair<std::string, std::string>> labels = {};  // what plot.py writes at axes and lines: name, text
 };
 
 struct StudyContext {

@@ -1,0 +1,55 @@
+// A sweep: where does the method fail, and does the program say so? One parameter of a rig is driven from harmless to
+// hopeless; at each value the whole job runs, and what the program says is compared with what the simulator knows.
+#pragma once
+
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "simdata/render/simulator.h"
+#include "simdata/room/rooms.h"
+#include "tools/bench/study.h"
+#include "tools/bench/sweep_verdict.h"
+
+namespace countershade::bench {
+
+// What a value of the parameter may change.
+struct SweepSetting {
+  simdata::RigAndRoom room;
+  Device lens;                         // of the camera, as it is handed over; the true one unless a sweep changes it
+  std::vector<simdata::Fault> faults;  // act in every stage; each stage counts its photos from 0
+};
+
+// What a predictor may know: the setting and the truth, never a photo.
+struct PredictorInput {
+  const SweepSetting& setting;
+  const simdata::Simulator& simulator;
+  std::span<const Picture> plain;    // the show that is judged
+  std::span<const Picture> emitted;  // what the projectors make of it
+  double white = 1;                  // W [full scale]
+};
+
+// One way to drive the parameter. Several ways with one predictor are the test of the predictor.
+struct SweepSeries {
+  std::string name;
+  std::vector<double> values, quick;  // in the sweep's unit
+  std::function<void(double value, SweepSetting&)> apply;
+};
+
+struct Sweep {
+  std::string name, title, unit;
+  std::string predictor_name;  // with its unit
+  Result<double> (*predictor)(const PredictorInput&, Progress&);
+  std::vector<SweepSeries> series;
+  SweepBounds bounds;
+  std::string known_silent;  // where the program is known to be wrong in silence, and why; empty: nowhere
+};
+
+const std::vector<Sweep>& sweeps();
+
+// All points of a sweep on the documentation's two-wall room with fewer pixels. Scratch files: output/NAME/.
+// Errors: those of the harness (disk, impossible room); what the program refuses is a point like any other.
+Result<Study> run_sweep(const Sweep& sweep, bool quick, const StudyContext& context);
+
+}  // namespace countershade::bench
