@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "calib/base/parallel.h"
-#include "simdata/render/blur.h"
+#include "simdata/device/blur.h"
 
 namespace countershade::simdata {
 

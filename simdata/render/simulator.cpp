@@ -6,8 +6,8 @@
 
 #include "calib/base/parallel.h"
 #include "calib/base/random.h"
-#include "simdata/render/blur.h"
-#include "simdata/render/sensor.h"
+#include "simdata/device/blur.h"
+#include "simdata/device/sensor.h"
 #include "simdata/render/simulator_state.h"
 #include "simdata/room/room_check.h"
 #include "simdata/room/rooms.h"

@@ -11,7 +11,7 @@
 #include "calib/geometry/lens.h"
 #include "calib/geometry/screen.h"
 #include "capture/device/device.h"
-#include "simdata/render/faults.h"
+#include "simdata/device/faults.h"
 
 namespace countershade::simdata {
 

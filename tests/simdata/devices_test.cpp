@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "calib/base/parallel.h"
-#include "simdata/render/sensor.h"
+#include "simdata/device/sensor.h"
 #include "tests/simdata/small_room.h"
 
 namespace countershade {

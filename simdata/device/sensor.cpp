@@ -1,4 +1,4 @@
-#include "simdata/render/sensor.h"
+#include "simdata/device/sensor.h"
 
 #include <algorithm>
 #include <atomic>
