@@ -9,22 +9,34 @@
 namespace countershade::simdata {
 
 Emitter::Emitter(const SimulatedProjector& spec, const Device& device, int block_px)
-    : spec_(spec), device_(device), position_(device.position()), block_px_(block_px) {
+    : spec_(spec),
+      device_(device),
+      colours_(spec, device.lens.width(), device.lens.height()),
+      position_(device.position()),
+      block_px_(block_px),
+      distorted_(spec.distortion != std::array<double, 5>{}) {
   blocks_x_ = (device.lens.width() + block_px - 1) / block_px;
   blocks_y_ = (device.lens.height() + block_px - 1) / block_px;
   // The blurred picture ends in zeros, so that bilinear look-up neither cuts its rim nor makes light.
   margin_ = blur_radius(spec.defocus_sigma_px) + 2;
-  for (int c = 0; c < 3; ++c) {
-    table_[c].resize(65536);
-    for (int i = 0; i < 65536; ++i)
-      table_[c][i] =
-          static_cast<float>(spec.black_level + (1 - spec.black_level) * std::pow(i / 65535.0, spec.gamma[c]));
-  }
 }
 
 double Emitter::power_for(double distance) const {
   const double width = device_.lens.width(), height = device_.lens.height();
   return distance * distance * height / (spec_.throw_ratio * spec_.throw_ratio * width);
+}
+
+std::optional<double> Emitter::density(const Eigen::Vector3d& x, const Eigen::Vector2d& pixel) const {
+  constexpr double kStep = 1e-4;  // central differences of a smooth function: exact to 1e-8
+  if (!((device_.lens.unproject(pixel) - x.normalized()).norm() < 1e-6)) return std::nullopt;
+  Eigen::Matrix2d J;
+  for (int k = 0; k < 2; ++k) {
+    Eigen::Vector3d low(x.x() / x.z(), x.y() / x.z(), 1), high = low;
+    low[k] -= kStep, high[k] += kStep;
+    J.col(k) = (device_.lens.project(high) - device_.lens.project(low)) / (2 * kStep);
+  }
+  const double focal = spec_.throw_ratio * device_.lens.width();
+  return J.determinant() / (focal * focal);
 }
 
 std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, int surface, const Eigen::Vector3d& x,
@@ -42,8 +54,13 @@ std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, int surface, cons
   const double dx = q.x() - (width - 1) / 2, dy = q.y() - (height - 1) / 2;
   const double falloff = 1 - spec_.falloff * 4 * (dx * dx + dy * dy) / (width * width + height * height);
   const double focal = spec_.throw_ratio;
-  return Beam{q, spec_.gain * power_ * falloff * focal * focal * width / height * cos_theta /
-                     (r2 * cos_alpha * cos_alpha * cos_alpha)};
+  Beam beam{q, spec_.gain * power_ * falloff * focal * focal * width / height * cos_theta /
+                   (r2 * cos_alpha * cos_alpha * cos_alpha)};
+  if (!distorted_) return beam;
+  const std::optional<double> packed = density(x_in_device, q);
+  if (!packed) return std::nullopt;
+  beam.irradiance *= *packed;
+  return beam;
 }
 
 int Emitter::block_of(const Eigen::Vector2d& q) const {
@@ -52,13 +69,18 @@ int Emitter::block_of(const Eigen::Vector2d& q) const {
   return y * blocks_x_ + x;
 }
 
-PictureLight Emitter::light_of(const Picture& picture) const {
+PictureLight Emitter::light_of(const Picture& picture, const Light4& share) const {
   PictureLight light;
   light.width = device_.lens.width(), light.height = device_.lens.height(), light.margin = margin_;
   CS_CHECK(picture.empty() || (picture.same_size(light.width, light.height) && picture.channels() == 3),
            "projector '" + spec_.id + "' is sent a picture that is not of its size");
   const int columns = light.width + 2 * margin_, rows = light.height + 2 * margin_;
-  const Light4 black(table_[0][0], table_[1][0], table_[2][0], 0);
+  const auto* table = colours_.table();
+  const std::vector<Light4> whole = table ? std::vector<Light4>() : colours_.light(picture, share);
+  const auto light_at = [&](const std::uint16_t* v) -> Light4 {
+    return Light4((*table)[0][v[0]], (*table)[1][v[1]], (*table)[2][v[2]], 0) * share;
+  };
+  const std::array<std::uint16_t, 3> nothing{0, 0, 0};
   const std::vector<float> kernel = blur_kernel(spec_.defocus_sigma_px);
   light.block_mean.assign(blocks(), Light4::Zero());
   light.blurred.resize(static_cast<std::size_t>(columns) * rows);
@@ -71,9 +93,12 @@ PictureLight Emitter::light_of(const Picture& picture) const {
     std::vector<Light4> sharp(static_cast<std::size_t>(light.width) * std::max(0, bottom - top));
     for (int y = top; y < bottom; ++y) {
       Light4* to = sharp.data() + static_cast<std::size_t>(y - top) * light.width;
+      if (!table) {
+        std::copy_n(whole.begin() + static_cast<std::ptrdiff_t>(y) * light.width, light.width, to);
+        continue;
+      }
       const std::uint16_t* from = picture.empty() ? nullptr : picture.row(y);
-      for (int x = 0; x < light.width; ++x, from += from ? 3 : 0)
-        to[x] = from ? Light4(table_[0][from[0]], table_[1][from[1]], table_[2][from[2]], 0) : black;
+      for (int x = 0; x < light.width; ++x, from += from ? 3 : 0) to[x] = light_at(from ? from : nothing.data());
     }
     for (int bx = 0; bx < blocks_x_; ++bx) {
       const int x1 = std::min(light.width, (bx + 1) * block_px_);

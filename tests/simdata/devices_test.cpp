@@ -121,25 +121,6 @@ TEST(SimulatedDevices, ResumedSessionHasTheBytesOfAnUndisturbedOne) {
   EXPECT_NE(whole[4], whole[5]) << "two photos of one state have their own noise";
 }
 
-TEST(SimulatedDevices, LatencyShowsTheFormerPictureForThatManyPhotos) {
-  auto room = test::small_room();
-  room.simulation.projectors[0].latency_frames = 2;
-  const auto simulator = test::simulate(room);
-  const capture::Devices devices = simdata::simulated_devices(simulator);
-  ASSERT_TRUE(devices.cameras[0]->arm(10));
-  ASSERT_TRUE(devices.projectors[0]->show(flat(1)));
-  std::vector<double> brightness;
-  for (int i = 0; i < 4; ++i) {
-    const capture::Exposure e = *devices.cameras[0]->trigger();
-    double sum = 0;
-    for (float v : e.values.data()) sum += v;
-    brightness.push_back(sum);
-  }
-  EXPECT_LT(brightness[1], .05 * brightness[2]);
-  EXPECT_NEAR(brightness[0] / brightness[1], 1, .1);
-  EXPECT_NEAR(brightness[3] / brightness[2], 1, .01);
-}
-
 TEST(SimulatedDevices, PicturesOfAnotherSizeAreABug) {
   const capture::Devices devices = simdata::simulated_devices(shared());
   EXPECT_THROW((void)devices.projectors[0]->show(Picture(20, 10, 3)), Bug);

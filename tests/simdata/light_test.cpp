@@ -87,18 +87,19 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
   EXPECT_GT(checked, 20);
 }
 
-TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
+TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftResolutionAndDistortion) {
   Simulation room;  // a wall of 40 m that catches every picture
   room.angle_deg = 170;
   room.left_size = room.right_size = {20, 20};
   room.left_rise = room.right_rise = -9;
   const auto scene = *simdata::Scene::make(simdata::room_screen(room));
   std::vector<double> flux;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 4; ++i) {
     SimulatedProjector p;
     p.id = "p";
-    p.position = {.3, 1, 4}, p.target = {-.4 + i, .7, .4};
-    p.falloff = 0, p.throw_ratio = 1 + .4 * i, p.lens_shift = {.1 * i, -.2 * i};
+    p.position = {.3, 1, 4}, p.target = {-.4 + i % 3, .7, .4};
+    p.falloff = 0, p.throw_ratio = 1 + .4 * (i % 3), p.lens_shift = {.1 * (i % 3), -.2 * (i % 3)};
+    if (i == 3) p.distortion = {-.15, .04, .02, -.015, .01};  // densities of .6 to 1.3 of the undistorted ones
     Rig rig;
     rig.projectors.resize(1);
     rig.projectors[0].id = "p";
