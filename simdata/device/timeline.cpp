@@ -53,8 +53,8 @@ std::vector<Timeline::Part> Timeline::parts(const RowExposure& e, const Glasses&
   const std::size_t count = sent_.size() - (without_newest && sent_.size() > 1 ? 1 : 0);
   const double end = e.exposure + e.rolling;  // relative to the start, as all edges
   std::vector<double> edges{0, end};
-  const auto add_periodic = [&](double hz) {
-    if (!(hz > 0) || hz * end > kMostEdges) return false;
+  const auto add_periodic = [&](double hz, double most) {
+    if (!(hz > 0) || hz * end > most) return false;
     for (double n = std::floor(e.start * hz) + 1; n / hz - e.start < end; ++n) edges.push_back(n / hz - e.start);
     return true;
   };
@@ -64,8 +64,9 @@ std::vector<Timeline::Part> Timeline::parts(const RowExposure& e, const Glasses&
     if (from > 0 && from < end) edges.push_back(from);
     pair |= sent_[i].left.hash != sent_[i].right.hash;
   }
-  const bool wheel = add_periodic(3 * spec_.colour_wheel_hz), pulses = add_periodic(2 * spec_.pwm_hz);
-  if (pair) add_periodic(spec_.refresh_hz);
+  const bool wheel = add_periodic(3 * spec_.colour_wheel_hz, kMostEdges),
+             pulses = add_periodic(2 * spec_.pwm_hz, kMostEdges);
+  if (pair) add_periodic(spec_.refresh_hz, HUGE_VAL);
   std::sort(edges.begin(), edges.end());
 
   std::vector<Sum> sums;

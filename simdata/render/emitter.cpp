@@ -19,6 +19,15 @@ Emitter::Emitter(const SimulatedProjector& spec, const Device& device, int block
   blocks_y_ = (device.lens.height() + block_px - 1) / block_px;
   // The blurred picture ends in zeros, so that bilinear look-up neither cuts its rim nor makes light.
   margin_ = blur_radius(spec.defocus_sigma_px) + 2;
+  const double width = device.lens.width(), height = device.lens.height(), low = -0.5 - margin_;
+  for (int i = 0; i <= 64 && distorted_; ++i) {
+    const double x = low + i / 64.0 * (width - 1 - 2 * low), y = low + i / 64.0 * (height - 1 - 2 * low);
+    for (const Eigen::Vector2d& q : {Eigen::Vector2d(x, low), Eigen::Vector2d(x, height - 1 - low),
+                                     Eigen::Vector2d(low, y), Eigen::Vector2d(width - 1 - low, y)}) {
+      const double tangent = device.lens.unproject(q).hnormalized().norm();
+      if (tangent > reach_) reach_ = tangent;  // not where there is no direction
+    }
+  }
 }
 
 double Emitter::power_for(double distance) const {
@@ -26,9 +35,8 @@ double Emitter::power_for(double distance) const {
   return distance * distance * height / (spec_.throw_ratio * spec_.throw_ratio * width);
 }
 
-std::optional<double> Emitter::density(const Eigen::Vector3d& x, const Eigen::Vector2d& pixel) const {
+double Emitter::density(const Eigen::Vector3d& x) const {
   constexpr double kStep = 1e-4;  // central differences of a smooth function: exact to 1e-8
-  if (!((device_.lens.unproject(pixel) - x.normalized()).norm() < 1e-6)) return std::nullopt;
   Eigen::Matrix2d J;
   for (int k = 0; k < 2; ++k) {
     Eigen::Vector3d low(x.x() / x.z(), x.y() / x.z(), 1), high = low;
@@ -46,6 +54,7 @@ std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, int surface, cons
   const double width = device_.lens.width(), height = device_.lens.height();
   const double low = -0.5 - margin_px;
   if (!(q.x() > low && q.y() > low && q.x() < width - 1 - low && q.y() < height - 1 - low)) return std::nullopt;
+  if (distorted_ && x_in_device.hnormalized().norm() > reach_) return std::nullopt;
   const Eigen::Vector3d to_projector = position_ - x;
   const double r2 = to_projector.squaredNorm(), r = std::sqrt(r2);
   const double cos_theta = scene.plane(surface).normal(0, 0).dot(to_projector) / r;
@@ -56,10 +65,7 @@ std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, int surface, cons
   const double focal = spec_.throw_ratio;
   Beam beam{q, spec_.gain * power_ * falloff * focal * focal * width / height * cos_theta /
                    (r2 * cos_alpha * cos_alpha * cos_alpha)};
-  if (!distorted_) return beam;
-  const std::optional<double> packed = density(x_in_device, q);
-  if (!packed) return std::nullopt;
-  beam.irradiance *= *packed;
+  if (distorted_) beam.irradiance *= density(x_in_device);
   return beam;
 }
 

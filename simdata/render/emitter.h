@@ -65,8 +65,8 @@ class Emitter {
   int block_of(const Eigen::Vector2d& pixel) const;
 
  private:
-  // Pixels per pixel of the undistorted lens; none for a direction beyond the fold of the distortion.
-  std::optional<double> density(const Eigen::Vector3d& x_in_device, const Eigen::Vector2d& pixel) const;
+  // Pixels per pixel of the undistorted lens.
+  double density(const Eigen::Vector3d& x_in_device) const;
 
   SimulatedProjector spec_;
   Device device_;
@@ -75,6 +75,8 @@ class Emitter {
   int block_px_ = 1, blocks_x_ = 1, blocks_y_ = 1, margin_ = 0;
   double power_ = 1;
   bool distorted_ = false;
+  double reach_ = 0;  // tangent of the picture's farthest direction off the axis; what lies beyond is not in it, even
+                      // where a distortion that folds projects it there
 };
 
 }  // namespace countershade::simdata

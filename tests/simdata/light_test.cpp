@@ -122,6 +122,35 @@ TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftResolutionAndDistortion) {
   for (double f : flux) EXPECT_NEAR(f, 1, .005);
 }
 
+TEST(Emitter, LightsNothingBeyondTheFoldOfItsDistortion) {
+  Simulation room;
+  room.angle_deg = 170;
+  room.left_size = room.right_size = {20, 20};
+  room.left_rise = room.right_rise = -9;
+  const auto scene = *simdata::Scene::make(simdata::room_screen(room));
+  SimulatedProjector p;
+  p.id = "p", p.position = {0, 1, 4}, p.target = {0, 1, 0};
+  p.distortion = {-.3, 0, 0, 0, 0};  // folds at a tangent of 1.05
+  Rig rig;
+  rig.projectors.resize(1);
+  rig.projectors[0].id = "p", rig.projectors[0].resolution = {160, 100};
+  room.projectors = {p};
+  const Device device = *simdata::true_projector(room, rig, "p");
+  const simdata::Emitter emitter(p, device, 8);
+  const auto wall = scene->screen().surfaces[1];
+  int lit = 0, folded = 0;
+  for (int i = 1; i < 200; ++i) {
+    const Eigen::Vector3d x = wall->point(i / 200., .5), seen = device.device_from_world * x;
+    const bool beyond = std::abs(seen.x() / seen.z()) > 1.05;
+    const auto beam = emitter.beam(*scene, 1, x);
+    EXPECT_FALSE(beyond && beam) << i;
+    folded += beyond && device.lens.contains(device.project(x));
+    lit += beam.has_value();
+  }
+  EXPECT_GT(lit, 10);
+  EXPECT_GT(folded, 10);
+}
+
 TEST(DirectLight, GreyPictureGivesBlackLevelPlusGammaOfItsValue) {
   const std::vector<Picture> white{flat(1), flat(1)}, grey{flat(.5), flat(.5)}, black{{}, {}};
   const Image w = shared().light(0, white).direct, g = shared().light(0, grey).direct,
