@@ -83,10 +83,9 @@ PictureLight Emitter::light_of(const Picture& picture, const Light4& share) cons
   const int columns = light.width + 2 * margin_, rows = light.height + 2 * margin_;
   const auto* table = colours_.table();
   const std::vector<Light4> whole = table ? std::vector<Light4>() : colours_.light(picture, share);
-  const auto light_at = [&](const std::uint16_t* v) -> Light4 {
-    return Light4((*table)[0][v[0]], (*table)[1][v[1]], (*table)[2][v[2]], 0) * share;
-  };
-  const std::array<std::uint16_t, 3> nothing{0, 0, 0};
+  const float *red = table ? (*table)[0].data() : nullptr, *green = table ? (*table)[1].data() : nullptr,
+              *blue = table ? (*table)[2].data() : nullptr;
+  const Light4 given = share;  // no store can change it
   const std::vector<float> kernel = blur_kernel(spec_.defocus_sigma_px);
   light.block_mean.assign(blocks(), Light4::Zero());
   light.blurred.resize(static_cast<std::size_t>(columns) * rows);
@@ -104,7 +103,9 @@ PictureLight Emitter::light_of(const Picture& picture, const Light4& share) cons
         continue;
       }
       const std::uint16_t* from = picture.empty() ? nullptr : picture.row(y);
-      for (int x = 0; x < light.width; ++x, from += from ? 3 : 0) to[x] = light_at(from ? from : nothing.data());
+      const Light4 black = Light4(red[0], green[0], blue[0], 0) * given;
+      for (int x = 0; x < light.width; ++x, from += from ? 3 : 0)
+        to[x] = from ? Light4(red[from[0]], green[from[1]], blue[from[2]], 0) * given : black;
     }
     for (int bx = 0; bx < blocks_x_; ++bx) {
       const int x1 = std::min(light.width, (bx + 1) * block_px_);
