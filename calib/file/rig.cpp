@@ -133,6 +133,11 @@ struct ReadValue {
     *out = static_cast<std::uint64_t>(value.as_integer());
     return std::nullopt;
   }
+  Verdict operator()(bool* out) const {
+    if (!value.is_boolean()) return Wrong{"must be true or false"};
+    *out = value.as_boolean();
+    return std::nullopt;
+  }
   Verdict operator()(int* out) const { return read_one(value, rule, *out); }
   Verdict operator()(double* out) const { return read_one(value, rule, *out); }
   Verdict operator()(std::optional<double>* out) const { return read_one(value, rule, out->emplace()); }
@@ -302,7 +307,7 @@ std::optional<std::string> mistake(const SimulatedSurface& s) {
 }
 
 template <class Simulated>
-std::optional<std::string> mistake(const Simulated& device) {
+std::optional<std::string> looks_nowhere(const Simulated& device) {
   if (device.position == device.target) return "position and target are the same point; it looks nowhere";
   return std::nullopt;
 }
@@ -314,6 +319,29 @@ void prepare(SimulatedSurface& surface, const toml::value& table) {
 }
 template <class T>
 void prepare(T&, const toml::value&) {}
+
+std::optional<std::string> mistake(const SimulatedCamera& c) {
+  if (c.bayer != "none" && c.channels != 3)
+    return fmt::format("bayer = \"{}\" needs channels = 3, not {}; set one or the other", c.bayer, c.channels);
+  return looks_nowhere(c);
+}
+
+std::optional<std::string> mistake(const SimulatedProjector& p) {
+  for (const auto& [name, curve] : {std::pair{"response_r", &p.response_r}, std::pair{"response_g", &p.response_g},
+                                    std::pair{"response_b", &p.response_b}}) {
+    if (curve->size() == 1)
+      return fmt::format("{} = [{}] is one value; give the light of at least 2, or none for gamma", name,
+                         curve->front());
+    for (std::size_t i = 1; i < curve->size(); ++i)
+      if ((*curve)[i] < (*curve)[i - 1])
+        return fmt::format("{} falls from {} to {} at its value {}; it must never fall", name, (*curve)[i - 1],
+                           (*curve)[i], i + 1);
+  }
+  if ((p.native_resolution[0] == 0) != (p.native_resolution[1] == 0))
+    return fmt::format("native_resolution = [{}, {}] has one side of 0; give both, or [0, 0] for none",
+                       p.native_resolution[0], p.native_resolution[1]);
+  return looks_nowhere(p);
+}
 
 void fill_in(SimulatedCamera& camera, const toml::value& table) {
   if (!table.as_table().count("principal"))
@@ -416,6 +444,7 @@ Result<Simulation> read_simulation(const fs::path& path) {
                  path.string());
   CS_TRY(Simulation simulation, reader.simulation());
   for (SimulatedSurface& surface : simulation.surfaces) resolve(path.parent_path(), surface.mesh);
+  for (SimulatedCamera& camera : simulation.cameras) resolve(path.parent_path(), camera.lens);
   return simulation;
 }
 

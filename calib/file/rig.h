@@ -85,6 +85,17 @@ struct SimulatedCamera {
   double reference_exposure_ms = 10;
   double psf_sigma_px = 0.6;
   double vignetting = 0;  // loss at the picture's corner, fraction
+  // What a better camera does not do; off by default.
+  std::filesystem::path lens{};    // .cameramodel whose lens replaces focal, principal and distortion; empty = these
+  double veiling_glare = 0;        // share of the photo's mean light that lies over it
+  std::string bayer = "none";      // none | RGGB | GRBG | GBRG | BGGR: colours of the first 2 x 2 pixels
+  int hot_pixels = 0;              // pixels with a dark signal of their own, at fixed places
+  double rolling_shutter_ms = 0;   // from the first row's start of exposure to the last row's
+  double auto_exposure = 0;        // 0 = locked, 1 = always comes to a mean of 18 %, and says nothing
+  double timestamp_offset_ms = 0;  // of the camera's clock
+  double clock_drift_ppm = 0;      // how much faster the camera's clock runs
+  std::string eye = "both";        // both | left | right: looks through that glass of shutter glasses
+  double glasses_leak = 0;         // share of light that the glass lets through while it is closed
 };
 
 struct SimulatedProjector {
@@ -98,7 +109,20 @@ struct SimulatedProjector {
   double black_level = 0.001;  // 1 / contrast
   double falloff = 0.15;       // loss of illuminance at the picture's corner, fraction
   double defocus_sigma_px = 0.5;
-  int latency_frames = 0;  // photos taken that many swaps too early show the former picture
+  double latency_ms = 0;  // from show() to light, rounded up to the next refresh
+  // What a better projector does not do; off by default.
+  std::array<double, 5> distortion{0, 0, 0, 0, 0};                 // Brown-Conrady k1 k2 p1 p2 k3
+  std::vector<double> response_r{}, response_g{}, response_b{};    // light at equally spaced values; empty = gamma
+  std::array<double, 9> colour_mixing{1, 0, 0, 0, 1, 0, 0, 0, 1};  // row by row: light <- light of the primaries
+  double white_segment = 0;                                        // how much brighter grey is shown; white stays 1
+  double flare = 0;                            // share of its light that lies evenly over the picture
+  std::array<int, 2> native_resolution{0, 0};  // width, height [px]; {0, 0} = that of the pictures
+  double warm_up = 0, warm_up_s = 600;         // share of light missing at first; time constant
+  double colour_wheel_hz = 0;                  // turns; red, green, blue one after the other
+  double pwm_hz = 0;                           // light pulses, on for the first half of each period
+  double refresh_hz = 60;
+  double latency_jitter_ms = 0;  // latency grows by up to that much, differently for each picture
+  bool stereo = false;           // pictures for the left eye at even refreshes, for the right eye at odd ones
 };
 
 // One piece of a simulated room. World: x right, y up, z towards the audience; azimuth 0 looks along -z, 90 degrees

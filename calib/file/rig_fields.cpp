@@ -56,6 +56,11 @@ Rule mandatory(Rule rule) {
   return rule;
 }
 
+Rule seldom(Rule rule) {
+  rule.seldom = true;
+  return rule;
+}
+
 // Bounds that only catch slips of the pen: places within a kilometre, pictures that a device can have.
 const double kFar = 1000, kMostPixels = 32768;
 
@@ -223,6 +228,18 @@ Fields fields_of(SimulatedCamera& c) {
       {"reference_exposure_ms", &c.reference_exposure_ms, more_than(0, 1e6), "[ms]"},
       {"psf_sigma_px", &c.psf_sigma_px, between(0, 100), "blur [px]"},
       {"vignetting", &c.vignetting, between(0, 0.99), "loss at the picture's corner, fraction"},
+      {"lens", &c.lens, any(), "mrcal .cameramodel, path relative to this file, of any lens",
+       "focal_px, principal, distortion", "\"true_camera.cameramodel\""},
+      {"veiling_glare", &c.veiling_glare, seldom(between(0, 1)), "share of the photo's mean light that lies over it"},
+      {"bayer", &c.bayer, seldom(text({"none", "RGGB", "GRBG", "GBRG", "BGGR"})),
+       "one colour per pixel, the rest interpolated: none | RGGB | GRBG | GBRG | BGGR"},
+      {"hot_pixels", &c.hot_pixels, seldom(between(0, 1e6)), "pixels with a dark signal of their own"},
+      {"rolling_shutter_ms", &c.rolling_shutter_ms, seldom(between(0, 1e4)), "first row's start to last row's [ms]"},
+      {"auto_exposure", &c.auto_exposure, seldom(between(0, 1)), "0 = locked, 1 = always to a mean of 18 %"},
+      {"timestamp_offset_ms", &c.timestamp_offset_ms, seldom(between(-1e9, 1e9)), "of the camera's clock [ms]"},
+      {"clock_drift_ppm", &c.clock_drift_ppm, seldom(between(-1e5, 1e5)), "how much faster its clock runs [1e-6]"},
+      {"eye", &c.eye, seldom(text({"both", "left", "right"})), "through shutter glasses: both | left | right"},
+      {"glasses_leak", &c.glasses_leak, seldom(between(0, 1)), "light that a closed glass lets through, fraction"},
   };
 }
 
@@ -239,7 +256,25 @@ Fields fields_of(SimulatedProjector& p) {
       {"black_level", &p.black_level, between(0, 0.9), "1 / contrast"},
       {"falloff", &p.falloff, between(0, 0.99), "loss at the picture's corner, fraction"},
       {"defocus_sigma_px", &p.defocus_sigma_px, between(0, 1000), "blur [px]"},
-      {"latency_frames", &p.latency_frames, between(0, 1000), "photos that still show the former picture"},
+      {"latency_ms", &p.latency_ms, between(0, 1e4), "from sending a picture to its light [ms]"},
+      {"distortion", &p.distortion, seldom(between(-10, 10)), "Brown-Conrady k1, k2, p1, p2, k3"},
+      {"response_r", &p.response_r, between(0, 1), "light of red at equally spaced values, 2 or more", "gamma",
+       "[0.0, 0.2, 1.0]"},
+      {"response_g", &p.response_g, between(0, 1), "light of green", "gamma", "[0.0, 0.2, 1.0]"},
+      {"response_b", &p.response_b, between(0, 1), "light of blue", "gamma", "[0.0, 0.2, 1.0]"},
+      {"colour_mixing", &p.colour_mixing, seldom(between(0, 2)), "r, g, b from the primaries' light, row by row"},
+      {"white_segment", &p.white_segment, seldom(between(0, 4)), "brightens min(r, g, b) by that share; white stays 1"},
+      {"flare", &p.flare, seldom(between(0, 1)), "share of its light that lies evenly over the picture"},
+      {"native_resolution", &p.native_resolution, seldom(between(0, kMostPixels)),
+       "width, height [px] that pictures are scaled to; [0, 0] = none"},
+      {"warm_up", &p.warm_up, seldom(between(0, 0.99)), "share of light missing when it is switched on"},
+      {"warm_up_s", &p.warm_up_s, seldom(more_than(0, 1e6)), "time constant of that [s]"},
+      {"colour_wheel_hz", &p.colour_wheel_hz, seldom(between(0, 1e5)),
+       "turns; red, green, blue in turn; 0 = none [1/s]"},
+      {"pwm_hz", &p.pwm_hz, seldom(between(0, 1e6)), "light on and off, half and half; 0 = always on [1/s]"},
+      {"refresh_hz", &p.refresh_hz, seldom(between(1, 1000)), "pictures change then [1/s]"},
+      {"latency_jitter_ms", &p.latency_jitter_ms, seldom(between(0, 1e4)), "up to that much more latency [ms]"},
+      {"stereo", &p.stereo, seldom(any()), "left eye's picture at even refreshes, right eye's at odd ones"},
   };
 }
 

@@ -19,7 +19,7 @@ struct Patches {
 using Slot = std::variant<std::string*, std::filesystem::path*, int*, std::uint64_t*, double*, std::optional<double>*,
                           std::vector<double>*, std::array<int, 2>*, std::array<double, 2>*,
                           std::optional<std::array<double, 2>>*, std::array<double, 3>*, std::array<double, 5>*,
-                          Patches, std::optional<ScreenSpec::KnownLength>*>;
+                          std::array<double, 9>*, bool*, Patches, std::optional<ScreenSpec::KnownLength>*>;
 
 // What a value must fulfil; it holds for each number of a list.
 struct Rule {
@@ -30,6 +30,7 @@ struct Rule {
   std::vector<std::string> later;  // texts of the format that this version cannot do
   enum class Text { kAny, kId, kResponse } text = Text::kAny;
   bool mandatory = false;
+  bool seldom = false;  // not written while it has its default, but for the comment
 };
 
 struct Field {

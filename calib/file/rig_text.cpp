@@ -47,6 +47,7 @@ struct Text {
   // TOML integers have a sign: the upper half of the seeds is written as negative numbers.
   std::string operator()(const std::uint64_t* v) const { return std::to_string(static_cast<std::int64_t>(*v)); }
   std::string operator()(const double* v) const { return number(*v); }
+  std::string operator()(const bool* v) const { return *v ? "true" : "false"; }
   std::string operator()(const std::optional<double>* v) const { return *v ? number(**v) : ""; }
   std::string operator()(const std::optional<std::array<double, 2>>* v) const { return *v ? list(**v) : ""; }
   std::string operator()(Patches p) const { return *p.value == std::array<int, 2>{0, 0} ? "\"auto\"" : list(*p.value); }
@@ -110,11 +111,14 @@ std::string comment_of(const Field& field, const Field& fresh) {
 // `fresh`: the same fields of a table that holds nothing but defaults.
 std::string lines(const Fields& fields, const Fields& fresh, Style style, bool all_unset = false) {
   std::vector<std::string> settings;
+  std::vector<bool> set;
   std::size_t width = 0;
-  for (const Field& f : fields) {
-    const bool set = is_set(f.slot) && !all_unset;
+  for (std::size_t i = 0; i < fields.size(); ++i) {
+    const Field& f = fields[i];
+    const bool left_out = all_unset || (f.rule.seldom && value_text(f.slot) == value_text(fresh[i].slot));
+    set.push_back(is_set(f.slot) && !left_out);
     const std::string value = is_set(f.slot) ? value_text(f.slot) : f.example;
-    settings.push_back(fmt::format("{}{} = {}", set ? "" : "# ", f.name, value));
+    settings.push_back(fmt::format("{}{} = {}", set[i] ? "" : "# ", f.name, value));
     if (settings.back().size() <= kLongSetting) width = std::max(width, settings.back().size());
   }
   std::string text;
@@ -123,7 +127,7 @@ std::string lines(const Fields& fields, const Fields& fresh, Style style, bool a
       text += fmt::format("# {}\n{}\n", comment_of(fields[i], fresh[i]), settings[i]);
     else if (style == Style::kCommented)
       text += fmt::format("{:<{}}  # {}\n", settings[i], width, comment_of(fields[i], fresh[i]));
-    else if (is_set(fields[i].slot))
+    else if (set[i])
       text += settings[i] + "\n";
   }
   return text;

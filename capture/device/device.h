@@ -1,6 +1,7 @@
 // Light out, light in: the two interfaces that every camera and every projector output stands behind.
 #pragma once
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -36,15 +37,21 @@ class Projector {
   virtual const std::string& id() const = 0;
   virtual int width() const = 0;
   virtual int height() const = 0;
-  // Shows a picture (encoded, own resolution: a Bug otherwise) and returns once it is on the screen.
+  // Shows a picture (encoded, own resolution: a Bug otherwise) and returns once the display has taken it; a slow
+  // display shows it later.
   virtual Result<void> show(const Picture& picture) = 0;
+  // Shows a picture per eye, in turns. Errors: kUnsupported where both eyes see the same.
+  virtual Result<void> show_stereo(const Picture& left, const Picture& right);
 };
 
 // All devices of a rig, opened.
 struct Devices {
   std::vector<std::unique_ptr<Camera>> cameras;
   std::vector<std::unique_ptr<Projector>> projectors;
+  std::function<void(double ms)> clock;  // how time passes for them; empty = as for everybody
   Projector* projector(const std::string& id) const;
+  // Returns when that much of their time has passed.
+  void wait(double ms) const;
 };
 
 }  // namespace countershade::capture

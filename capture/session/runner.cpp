@@ -1,11 +1,9 @@
 #include "capture/session/runner.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <map>
 #include <optional>
-#include <thread>
 
 #include "calib/image/image_file.h"
 #include "capture/session/frame_check.h"
@@ -211,7 +209,7 @@ std::vector<Image> blocks_of(const std::vector<Picture>& pictures) {
 
 Result<void> Capture::show(const Pictures& pictures, double wait_ms) {
   for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->show(pictures[p]));
-  if (wait_ms > 0) std::this_thread::sleep_for(std::chrono::duration<double, std::milli>(wait_ms));
+  devices_.wait(wait_ms);
   return {};
 }
 

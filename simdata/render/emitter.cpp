@@ -4,21 +4,29 @@
 #include <cmath>
 
 #include "calib/base/parallel.h"
-#include "simdata/render/blur.h"
+#include "simdata/device/blur.h"
 
 namespace countershade::simdata {
 
 Emitter::Emitter(const SimulatedProjector& spec, const Device& device, int block_px)
-    : spec_(spec), device_(device), position_(device.position()), block_px_(block_px) {
+    : spec_(spec),
+      device_(device),
+      colours_(spec, device.lens.width(), device.lens.height()),
+      position_(device.position()),
+      block_px_(block_px),
+      distorted_(spec.distortion != std::array<double, 5>{}) {
   blocks_x_ = (device.lens.width() + block_px - 1) / block_px;
   blocks_y_ = (device.lens.height() + block_px - 1) / block_px;
   // The blurred picture ends in zeros, so that bilinear look-up neither cuts its rim nor makes light.
   margin_ = blur_radius(spec.defocus_sigma_px) + 2;
-  for (int c = 0; c < 3; ++c) {
-    table_[c].resize(65536);
-    for (int i = 0; i < 65536; ++i)
-      table_[c][i] =
-          static_cast<float>(spec.black_level + (1 - spec.black_level) * std::pow(i / 65535.0, spec.gamma[c]));
+  const double width = device.lens.width(), height = device.lens.height(), low = -0.5 - margin_;
+  for (int i = 0; i <= 64 && distorted_; ++i) {
+    const double x = low + i / 64.0 * (width - 1 - 2 * low), y = low + i / 64.0 * (height - 1 - 2 * low);
+    for (const Eigen::Vector2d& q : {Eigen::Vector2d(x, low), Eigen::Vector2d(x, height - 1 - low),
+                                     Eigen::Vector2d(low, y), Eigen::Vector2d(width - 1 - low, y)}) {
+      const double tangent = device.lens.unproject(q).hnormalized().norm();
+      if (tangent > reach_) reach_ = tangent;  // not where there is no direction
+    }
   }
 }
 
@@ -27,12 +35,25 @@ double Emitter::power_for(double distance) const {
   return distance * distance * height / (spec_.throw_ratio * spec_.throw_ratio * width);
 }
 
+double Emitter::density(const Eigen::Vector3d& x) const {
+  constexpr double kStep = 1e-4;  // central differences of a smooth function: exact to 1e-8
+  Eigen::Matrix2d J;
+  for (int k = 0; k < 2; ++k) {
+    Eigen::Vector3d low(x.x() / x.z(), x.y() / x.z(), 1), high = low;
+    low[k] -= kStep, high[k] += kStep;
+    J.col(k) = (device_.lens.project(high) - device_.lens.project(low)) / (2 * kStep);
+  }
+  const double focal = spec_.throw_ratio * device_.lens.width();
+  return J.determinant() / (focal * focal);
+}
+
 std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, const SurfacePoint& at, double margin_px) const {
   const Eigen::Vector3d x_in_device = device_.device_from_world * at.x;
   const Eigen::Vector2d q = device_.lens.project(x_in_device);
   const double width = device_.lens.width(), height = device_.lens.height();
   const double low = -0.5 - margin_px;
   if (!(q.x() > low && q.y() > low && q.x() < width - 1 - low && q.y() < height - 1 - low)) return std::nullopt;
+  if (distorted_ && x_in_device.hnormalized().norm() > reach_) return std::nullopt;
   const Eigen::Vector3d to_projector = position_ - at.x;
   const double r2 = to_projector.squaredNorm(), r = std::sqrt(r2);
   const double cos_theta = at.normal.dot(to_projector) / r;
@@ -46,6 +67,7 @@ std::optional<Emitter::Beam> Emitter::beam(const Scene& scene, const SurfacePoin
   Beam beam{q, 0, to_projector / r, behind};
   beam.irradiance = passes * spec_.gain * power_ * falloff * focal * focal * width / height * std::abs(cos_theta) /
                     (r2 * cos_alpha * cos_alpha * cos_alpha);
+  if (distorted_) beam.irradiance *= density(x_in_device);
   if (behind) beam.to_projector = -beam.to_projector;
   return beam;
 }
@@ -56,13 +78,17 @@ int Emitter::block_of(const Eigen::Vector2d& q) const {
   return y * blocks_x_ + x;
 }
 
-PictureLight Emitter::light_of(const Picture& picture) const {
+PictureLight Emitter::light_of(const Picture& picture, const Light4& share) const {
   PictureLight light;
   light.width = device_.lens.width(), light.height = device_.lens.height(), light.margin = margin_;
   CS_CHECK(picture.empty() || (picture.same_size(light.width, light.height) && picture.channels() == 3),
            "projector '" + spec_.id + "' is sent a picture that is not of its size");
   const int columns = light.width + 2 * margin_, rows = light.height + 2 * margin_;
-  const Light4 black(table_[0][0], table_[1][0], table_[2][0], 0);
+  const auto* table = colours_.table();
+  const std::vector<Light4> whole = table ? std::vector<Light4>() : colours_.light(picture, share);
+  const float *red = table ? (*table)[0].data() : nullptr, *green = table ? (*table)[1].data() : nullptr,
+              *blue = table ? (*table)[2].data() : nullptr;
+  const Light4 given = share;  // no store can change it
   const std::vector<float> kernel = blur_kernel(spec_.defocus_sigma_px);
   light.block_mean.assign(blocks(), Light4::Zero());
   light.blurred.resize(static_cast<std::size_t>(columns) * rows);
@@ -75,9 +101,14 @@ PictureLight Emitter::light_of(const Picture& picture) const {
     std::vector<Light4> sharp(static_cast<std::size_t>(light.width) * std::max(0, bottom - top));
     for (int y = top; y < bottom; ++y) {
       Light4* to = sharp.data() + static_cast<std::size_t>(y - top) * light.width;
+      if (!table) {
+        std::copy_n(whole.begin() + static_cast<std::ptrdiff_t>(y) * light.width, light.width, to);
+        continue;
+      }
       const std::uint16_t* from = picture.empty() ? nullptr : picture.row(y);
+      const Light4 black = Light4(red[0], green[0], blue[0], 0) * given;
       for (int x = 0; x < light.width; ++x, from += from ? 3 : 0)
-        to[x] = from ? Light4(table_[0][from[0]], table_[1][from[1]], table_[2][from[2]], 0) : black;
+        to[x] = from ? Light4(red[from[0]], green[from[1]], blue[from[2]], 0) * given : black;
     }
     for (int bx = 0; bx < blocks_x_; ++bx) {
       const int x1 = std::min(light.width, (bx + 1) * block_px_);

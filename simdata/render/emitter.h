@@ -9,11 +9,10 @@
 #include "calib/file/rig.h"
 #include "calib/geometry/lens.h"
 #include "calib/image/image.h"
+#include "simdata/device/colour_path.h"
 #include "simdata/render/scene.h"
 
 namespace countershade::simdata {
-
-using Light4 = Eigen::Array4f;  // RGB and one idle lane
 
 // The light of one picture, linear, 1 = white, black level included.
 struct PictureLight {
@@ -50,14 +49,15 @@ class Emitter {
   //
   //   E = power falloff throw^2 W / H cos(theta) / (r^2 cos^3 alpha)
   //
-  // since each of the W H pixels carries the same flux and covers the solid angle cos^3(alpha) / f^2, f = throw W.
+  // since each of the W H pixels carries the same flux and covers the solid angle cos^3(alpha) / f^2, f = throw W. A
+  // distorted lens packs the pixels denser by the determinant of its distortion's Jacobian, and E grows with it.
   std::optional<Beam> beam(const Scene& scene, const SurfacePoint& at, double margin_px = 0) const;
   // Sets `power` [m^2]: irradiance 1 on a perpendicular screen at `distance` from a projector of gain 1 like this one.
   double power_for(double distance) const;
   void set_power(double power) { power_ = power; }
 
-  // An empty picture is black.
-  PictureLight light_of(const Picture& picture) const;
+  // An empty picture is black. `share`: of r, g, b, where the primaries are not on for all of an exposure.
+  PictureLight light_of(const Picture& picture, const Light4& share = Light4::Ones()) const;
 
   const Device& device() const { return device_; }
   int margin() const { return margin_; }
@@ -67,12 +67,18 @@ class Emitter {
   int block_of(const Eigen::Vector2d& pixel) const;
 
  private:
+  // Pixels per pixel of the undistorted lens.
+  double density(const Eigen::Vector3d& x_in_device) const;
+
   SimulatedProjector spec_;
   Device device_;
+  ColourPath colours_;
   Eigen::Vector3d position_;
   int block_px_ = 1, blocks_x_ = 1, blocks_y_ = 1, margin_ = 0;
   double power_ = 1;
-  std::array<std::vector<float>, 3> table_;  // encoded 16 bits -> light
+  bool distorted_ = false;
+  double reach_ = 0;  // tangent of the picture's farthest direction off the axis; what lies beyond is not in it, even
+                      // where a distortion that folds projects it there
 };
 
 }  // namespace countershade::simdata

@@ -6,8 +6,7 @@
 
 #include "calib/base/parallel.h"
 #include "calib/base/random.h"
-#include "simdata/render/blur.h"
-#include "simdata/render/sensor.h"
+#include "simdata/device/sensor.h"
 #include "simdata/render/simulator_state.h"
 #include "simdata/room/room_check.h"
 #include "simdata/room/rooms.h"
@@ -138,14 +137,14 @@ Image Simulator::total_light(int camera, std::span<const Picture> pictures) cons
 }
 
 Image Simulator::optics(int camera, const Image& light) const {
-  return blurred(light, state_->views.at(camera)->spec().psf_sigma_px);
+  return through_lens(light, state_->views.at(camera)->spec());
 }
 
 capture::Exposure Simulator::expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const {
   CS_CHECK(exposure_ms > 0, "an exposure takes time");
   const CameraSpec& spec = state_->cameras.at(camera);
-  const std::uint64_t key = mix(mix(state_->simulation.seed) ^ hash_name(spec.id)) ^ mix(draw);
-  return simdata::expose(light, state_->views[camera]->spec(), spec, exposure_ms, key);
+  const std::uint64_t sensor = mix(mix(state_->simulation.seed) ^ hash_name(spec.id));
+  return simdata::expose(light, state_->views[camera]->spec(), spec, exposure_ms, sensor ^ mix(draw), sensor);
 }
 
 TrueGeometry Simulator::geometry(int camera) const {

@@ -11,7 +11,8 @@
 #include "calib/geometry/lens.h"
 #include "calib/geometry/screen.h"
 #include "capture/device/device.h"
-#include "simdata/render/faults.h"
+#include "simdata/device/colour_path.h"
+#include "simdata/device/faults.h"
 
 namespace countershade::simdata {
 
@@ -48,7 +49,14 @@ class Simulator {
   TrueLight light(int camera, std::span<const Picture> pictures) const;
   // Direct and indirect light together, at less cost.
   Image total_light(int camera, std::span<const Picture> pictures) const;
-  // What the lens makes of light: the camera's point spread function.
+  // The same of an exposure during which each projector shows its pictures for shares of the time (of r, g, b). One
+  // without pictures is dark, which is less than black.
+  struct PictureShare {
+    const Picture* picture;
+    Light4 share;
+  };
+  Image mixed_light(int camera, std::span<const std::vector<PictureShare>> shown) const;
+  // What the lens makes of light: through_lens of the camera.
   Image optics(int camera, const Image& light) const;
   // One exposure of light after optics(): photon and read noise, quantisation. `draw` numbers the noise.
   capture::Exposure expose(int camera, const Image& light, double exposure_ms, std::uint64_t draw) const;
@@ -68,11 +76,12 @@ class Simulator {
   std::unique_ptr<State> state_;
 };
 
-// Cameras and projectors of a simulated rig, sharing one room; the newest show() counts, minus latency: a camera's
-// first latency_frames photos after show() see that projector's former picture. The noise of a photo depends on the
-// seed, the camera, the pictures shown and the number of photos since the last show(), so a session that was
-// interrupted and resumed between frames has the same bytes as one that was not; faults, which act on photos by number,
-// begin anew.
+// Cameras and projectors of a simulated rig, sharing one room and one clock, which show(), trigger() and
+// Devices::wait() move on: show() to the projector's next refresh, trigger() by its exposure, rolling shutter and 20 ms
+// of reading out. A photo is the mean of what was visible while each row was exposed (Timeline). The noise of a photo
+// depends on the seed, the camera, the pictures seen and the number of photos since the last show(), so a session that
+// was interrupted and resumed between frames has the same bytes as one that was not, unless the time itself is seen
+// (wheel, pulses, jitter, warm-up); faults, which act on photos by number, begin anew.
 capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, std::vector<Fault> faults = {});
 
 }  // namespace countershade::simdata

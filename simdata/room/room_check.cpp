@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "simdata/device/device_check.h"
+
 namespace countershade::simdata {
 
 namespace {
@@ -89,7 +91,8 @@ Result<void> check_camera(const SimulatedCamera& c) {
   CS_TRY_VOID(within(what + " white_level", c.white_level, 1e-3, 100));
   CS_TRY_VOID(within(what + " reference_exposure_ms", c.reference_exposure_ms, 1e-6, 1e6));
   CS_TRY_VOID(within(what + " psf_sigma_px", c.psf_sigma_px, 0, 20));
-  return within(what + " vignetting", c.vignetting, 0, 0.99);
+  CS_TRY_VOID(within(what + " vignetting", c.vignetting, 0, 0.99));
+  return check_device(c);
 }
 
 Result<void> check_projector(const SimulatedProjector& p) {
@@ -102,7 +105,7 @@ Result<void> check_projector(const SimulatedProjector& p) {
   CS_TRY_VOID(within(what + " black_level", p.black_level, 0, 0.9));
   CS_TRY_VOID(within(what + " falloff", p.falloff, 0, 0.95));
   CS_TRY_VOID(within(what + " defocus_sigma_px", p.defocus_sigma_px, 0, 20));
-  return within(what + " latency_frames", p.latency_frames, 0, 1000);
+  return check_device(p);
 }
 
 }  // namespace

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include "simdata/device/device_check.h"
+
 namespace countershade::simdata {
 
 namespace {
@@ -63,9 +65,7 @@ std::vector<SimulatedSurface> surfaces_of(const TwoWalls& w) {
 Result<Device> true_camera(const Simulation& simulation, const std::string& id) {
   for (const SimulatedCamera& c : simulation.cameras) {
     if (c.id != id) continue;
-    std::vector<double> intrinsics{c.focal_px, c.focal_px, c.principal[0], c.principal[1]};
-    intrinsics.insert(intrinsics.end(), c.distortion.begin(), c.distortion.end());
-    CS_TRY(const Lens lens, Lens::make("LENSMODEL_OPENCV5", intrinsics, c.resolution[0], c.resolution[1]));
+    CS_TRY(const Lens lens, camera_lens(c));
     return Device{lens, look_at(vector(c.position), vector(c.target), {0, 1, 0}, radians(c.roll_deg))};
   }
   return error(ErrorCode::kBadValue, "camera '{}' has no [[simulation.camera]] with that id; add one", id);
@@ -75,13 +75,7 @@ Result<Device> true_projector(const Simulation& simulation, const Rig& rig, cons
   const ProjectorSpec* spec = rig.projector(id);
   for (const SimulatedProjector& p : simulation.projectors) {
     if (p.id != id || !spec) continue;
-    const int width = spec->resolution[0], height = spec->resolution[1];
-    const double focal = p.throw_ratio * width;
-    // lens_shift: the picture's centre as seen from the lens axis.
-    CS_TRY(const Lens lens, Lens::make("LENSMODEL_PINHOLE",
-                                       {focal, focal, (width - 1) / 2.0 - p.lens_shift[0] * width,
-                                        (height - 1) / 2.0 - p.lens_shift[1] * height},
-                                       width, height));
+    CS_TRY(const Lens lens, projector_lens(p, spec->resolution[0], spec->resolution[1]));
     return Device{lens, look_at(vector(p.position), vector(p.target), {0, 1, 0}, radians(p.roll_deg))};
   }
   return error(ErrorCode::kBadValue, "projector '{}' is not in both the rig and [[simulation.projector]]; add it", id);

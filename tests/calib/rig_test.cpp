@@ -106,6 +106,15 @@ Simulation full_simulation() {
                     0.2};
   SimulatedProjector p{"left", {-1, 2, 3},        {-1.2, 1, 0.4}, 1.5,  1.1, {0.02, -0.3},
                        0.9,    {2.2, 2.25, 2.15}, 0.0013,         0.21, 0.4, 2};
+  c.lens = "/models/true.cameramodel";
+  c.veiling_glare = 0.015, c.bayer = "GRBG", c.channels = 3, c.hot_pixels = 41, c.rolling_shutter_ms = 15.5;
+  c.auto_exposure = 0.35, c.timestamp_offset_ms = -7.5, c.clock_drift_ppm = 33, c.eye = "right", c.glasses_leak = 0.006;
+  p.distortion = {-0.05, 0.01, 3e-4, -4e-4, 0.002};
+  p.response_r = {0, 0.25, 0.95}, p.response_g = {0.01, 0.98}, p.response_b = {0, 0.1, 0.4, 0.97};
+  p.colour_mixing = {0.9, 0.06, 0.04, 0.02, 0.91, 0.07, 0.03, 0.05, 0.92};
+  p.white_segment = 0.45, p.flare = 0.008, p.native_resolution = {1024, 768};
+  p.warm_up = 0.12, p.warm_up_s = 700, p.colour_wheel_hz = 120, p.pwm_hz = 960, p.refresh_hz = 59.94;
+  p.latency_jitter_ms = 3.5, p.stereo = true;
   s.cameras = {c};
   s.projectors = {p};
   return s;
@@ -207,10 +216,15 @@ TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
       "[[simulation.camera]]\nid = \"c\"\nposition = [1, 2, 3]\ntarget = [4, 5, 6]\nroll_deg = 7\nresolution = [8, 9]\n"
       "channels = 1\nfocal_px = 10\nprincipal = [11, 12]\ndistortion = [0.1, 0.2, 0.3, 0.4, 0.5]\nfull_well_e = 13\n"
       "read_noise_e = 14\nbits = 15\nwhite_level = 16\nreference_exposure_ms = 17\npsf_sigma_px = 18\nvignetting = "
-      "0.19\n"
+      "0.19\nlens = \"/l\"\nveiling_glare = 0.2\nbayer = \"none\"\nhot_pixels = 21\nrolling_shutter_ms = 22\n"
+      "auto_exposure = 0.23\ntimestamp_offset_ms = 24\nclock_drift_ppm = 25\neye = \"left\"\nglasses_leak = 0.26\n"
       "[[simulation.projector]]\nid = \"p\"\nposition = [1, 2, 3]\ntarget = [4, 5, 6]\nroll_deg = 7\nthrow_ratio = 8\n"
       "lens_shift = [0.9, 1]\ngain = 11\ngamma = [1.2, 1.3, 1.4]\nblack_level = 0.15\nfalloff = 0.16\n"
-      "defocus_sigma_px = 17\nlatency_frames = 18\n";
+      "defocus_sigma_px = 17\nlatency_ms = 18\n"
+      "distortion = [0.1, 0.2, 0.3, 0.4, 0.5]\nresponse_r = [0.1, 0.2]\nresponse_g = [0.3, 0.4, 0.5]\n"
+      "response_b = [0.6, 0.7]\ncolour_mixing = [1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9]\nwhite_segment = 0.19\n"
+      "flare = 0.2\nnative_resolution = [21, 22]\nwarm_up = 0.23\nwarm_up_s = 24\ncolour_wheel_hz = 25\npwm_hz = 26\n"
+      "refresh_hz = 27\nlatency_jitter_ms = 28\nstereo = true\n";
   ASSERT_TRUE(write_atomically(folder / "s.toml", text));
   const Simulation s = read_simulation(folder / "s.toml").value();
   using Two = std::array<double, 2>;
@@ -251,6 +265,10 @@ TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   EXPECT_EQ((Three{c.full_well_e, c.read_noise_e, 1. * c.bits}), (Three{13, 14, 15}));
   EXPECT_EQ((Two{c.white_level, c.reference_exposure_ms}), (Two{16, 17}));
   EXPECT_EQ((Two{c.psf_sigma_px, c.vignetting}), (Two{18, 0.19}));
+  EXPECT_EQ(c.lens.string() + c.bayer + c.eye, "/lnoneleft");
+  EXPECT_EQ((Three{c.veiling_glare, 1. * c.hot_pixels, c.rolling_shutter_ms}), (Three{0.2, 21, 22}));
+  EXPECT_EQ((Two{c.auto_exposure, c.timestamp_offset_ms}), (Two{0.23, 24}));
+  EXPECT_EQ((Two{c.clock_drift_ppm, c.glasses_leak}), (Two{25, 0.26}));
   const SimulatedProjector& p = s.projectors.at(0);
   EXPECT_EQ(p.position, (Three{1, 2, 3}));
   EXPECT_EQ(p.target, (Three{4, 5, 6}));
@@ -258,7 +276,18 @@ TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   EXPECT_EQ(p.lens_shift, (Two{0.9, 1}));
   EXPECT_EQ(p.gamma, (Three{1.2, 1.3, 1.4}));
   EXPECT_EQ((Two{p.black_level, p.falloff}), (Two{0.15, 0.16}));
-  EXPECT_EQ((Two{p.defocus_sigma_px, 1. * p.latency_frames}), (Two{17, 18}));
+  EXPECT_EQ((Two{p.defocus_sigma_px, p.latency_ms}), (Two{17, 18}));
+  EXPECT_EQ(p.distortion, (std::array<double, 5>{0.1, 0.2, 0.3, 0.4, 0.5}));
+  EXPECT_EQ(p.response_r, (std::vector<double>{0.1, 0.2}));
+  EXPECT_EQ(p.response_g, (std::vector<double>{0.3, 0.4, 0.5}));
+  EXPECT_EQ(p.response_b, (std::vector<double>{0.6, 0.7}));
+  EXPECT_EQ(p.colour_mixing, (std::array<double, 9>{1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9}));
+  EXPECT_EQ(p.native_resolution, (std::array<int, 2>{21, 22}));
+  EXPECT_EQ((Two{p.white_segment, p.flare}), (Two{0.19, 0.2}));
+  EXPECT_EQ((Two{p.warm_up, p.warm_up_s}), (Two{0.23, 24}));
+  EXPECT_EQ((Three{p.colour_wheel_hz, p.pwm_hz, p.refresh_hz}), (Three{25, 26, 27}));
+  EXPECT_EQ(p.latency_jitter_ms, 28);
+  EXPECT_TRUE(p.stereo);
 }
 
 TEST(Rig, ResolvesModelsAgainstItsOwnFolder) {
@@ -270,6 +299,25 @@ TEST(Rig, ResolvesModelsAgainstItsOwnFolder) {
   const Rig rig = read_rig(folder / "rig.toml").value();
   EXPECT_EQ(rig.cameras[0].model, folder / "a.cameramodel");
   EXPECT_EQ(rig.projectors[0].model, "/abs/p.cameramodel");
+}
+
+TEST(Rig, ResolvesTheTrueLensAgainstItsOwnFolder) {
+  TemporaryFolder folder;
+  ASSERT_TRUE(write_atomically(folder / "s.toml",
+                               "[simulation]\n[[simulation.camera]]\nid = \"c\"\nlens = \"l.cameramodel\"\n"));
+  EXPECT_EQ(read_simulation(folder / "s.toml")->cameras[0].lens, folder / "l.cameramodel");
+}
+
+// A session of a plain room does not change its text when devices learn something new.
+TEST(Rig, SeldomSettingsAreWrittenOnlyWhenTheyAreSet) {
+  Simulation simulation;
+  simulation.cameras.resize(1);
+  simulation.projectors.resize(1);
+  for (const char* name : {"bayer", "eye", "flare", "colour_mixing", "refresh_hz", "stereo", "lens =", "response_g"})
+    EXPECT_THAT(simulation_text(simulation), Not(HasSubstr(name))) << name;
+  EXPECT_THAT(rig_text({}, &simulation), AllOf(HasSubstr("# flare = 0.0 "), HasSubstr("default: 0.0")));
+  simulation.projectors[0].flare = 0.01;
+  EXPECT_THAT(simulation_text(simulation), HasSubstr("\nflare = 0.01\n"));
 }
 
 // ---- round trips ----
@@ -425,6 +473,33 @@ TEST(RigError, ValuesOutOfRangeNameTheBound) {
   EXPECT_THAT(complaint(surface + "albedo = [0.5, 1.5, 0.5]\n"), HasSubstr("at most 1"));
   EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\nchannels = 2\n"),
               HasSubstr("must be 1 or 3"));
+  for (const Line& l : std::vector<Line>{{"bayer = \"RGBG\"", "is not known; use one of: none, RGGB"},
+                                         {"veiling_glare = 1.5", "at least 0 and at most 1"},
+                                         {"hot_pixels = -1", "at least 0"},
+                                         {"hot_pixels = 1.5", "must be a whole number"},
+                                         {"rolling_shutter_ms = -1", "at least 0"},
+                                         {"auto_exposure = 2", "at most 1"},
+                                         {"clock_drift_ppm = 1e6", "at most 100000"},
+                                         {"eye = \"middle\"", "use one of: both, left, right"},
+                                         {"glasses_leak = -0.1", "at least 0"}})
+    EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\n" + l.line + "\n"),
+                AllOf(StartsWith("rig.toml:9: "), HasSubstr(l.says)));
+  for (const Line& l : std::vector<Line>{{"distortion = [0.1]", "must be 5 numbers"},
+                                         {"response_r = [0, 1.2]", "at most 1"},
+                                         {"colour_mixing = [1, 0, 0]", "must be 9 numbers"},
+                                         {"white_segment = -1", "at least 0"},
+                                         {"flare = 1.1", "at most 1"},
+                                         {"native_resolution = [-1, 3]", "at least 0"},
+                                         {"warm_up = 1", "at most 0.99"},
+                                         {"warm_up_s = 0", "more than 0"},
+                                         {"colour_wheel_hz = -1", "at least 0"},
+                                         {"pwm_hz = -1", "at least 0"},
+                                         {"refresh_hz = 0", "at least 1"},
+                                         {"latency_ms = -1", "at least 0"},
+                                         {"latency_jitter_ms = -1", "at least 0"},
+                                         {"stereo = 1", "must be true or false"}})
+    EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.projector]]\nid = \"p\"\n" + l.line + "\n"),
+                AllOf(StartsWith("rig.toml:9: "), HasSubstr(l.says)));
 }
 
 TEST(RigError, ValuesThatContradictEachOtherAreNamed) {
@@ -435,6 +510,14 @@ TEST(RigError, ValuesThatContradictEachOtherAreNamed) {
               HasSubstr("same pixel"));
   EXPECT_THAT(complaint(kSmallest + "[simulation]\n[[simulation.projector]]\nid = \"p\"\nposition = [0, 0, 1]\n"),
               HasSubstr("position and target are the same"));
+  const std::string projector = kSmallest + "[simulation]\n[[simulation.projector]]\nid = \"p\"\n";
+  EXPECT_THAT(complaint(projector + "response_g = [0.5]\n"), HasSubstr("response_g = [0.5] is one value; give"));
+  EXPECT_THAT(complaint(projector + "response_b = [0, 0.6, 0.5]\n"),
+              HasSubstr("response_b falls from 0.6 to 0.5 at its value 3"));
+  EXPECT_THAT(complaint(projector + "native_resolution = [0, 768]\n"), HasSubstr("has one side of 0"));
+  EXPECT_THAT(
+      complaint(kSmallest + "[simulation]\n[[simulation.camera]]\nid = \"c\"\nchannels = 1\nbayer = \"RGGB\"\n"),
+      HasSubstr("bayer = \"RGGB\" needs channels = 3, not 1"));
 }
 
 TEST(RigError, WhatIsNotBuiltYetIsUnsupportedAndNamesWhatIsThere) {

@@ -96,6 +96,20 @@ TEST(CaptureSession, AnyLatencyUpToTheRetakesGivesTheSameSession) {
   }
 }
 
+TEST(CaptureSession, WaitsByTheClockOfTheDevices) {
+  fake::Scratch scratch("clock");
+  auto room = std::make_shared<Room>();
+  room->latency = 1;
+  Devices devices = fake::devices(room, fake::rig());
+  double passed = 0;
+  devices.clock = [&](double ms) { passed += ms; };
+  SilentProgress silent;
+  const CaptureOptions patient{.retakes = 3, .retake_wait_ms = 1e6};  // a quarter of an hour by the wall's clock
+  const auto done = capture_session(fake::rig(), "", fake::sequence(), devices, scratch / "s", patient, silent);
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_GE(passed, 1e6);
+}
+
 TEST(CaptureSession, NoiseIsNeitherTakenForAChangeNorHidesOne) {
   fake::Scratch scratch("noise");
   ASSERT_TRUE(undisturbed(scratch / "plain").size());

@@ -255,10 +255,11 @@ TEST(Cli, SessionsThatCannotBeUsedAreNamedAndNothingIsWritten) {
 }
 
 TEST(Cli, CheckMeasuresTheLatencyAndCopesWithIt) {
+  // A simulated photo takes 30 ms; the other projector's show, a refresh of 17, is waited for first.
   for (int latency : {0, 2}) {
     const TemporaryFolder folder;
     simdata::RigAndRoom room = simdata::small_two_wall(8, {160, 100}, 64);
-    room.simulation.projectors[1].latency_frames = latency;
+    room.simulation.projectors[1].latency_ms = 30 * latency;
     write_rig(folder.path(), room);
     const auto result = run_countershade("check " + (folder / "rig.toml").string());
     EXPECT_EQ(result.exit_code, 0) << result.out << result.err;

@@ -7,7 +7,7 @@
 #include <thread>
 
 #include "calib/base/parallel.h"
-#include "simdata/render/sensor.h"
+#include "simdata/device/sensor.h"
 #include "tests/simdata/small_room.h"
 
 namespace countershade {
@@ -119,25 +119,6 @@ TEST(SimulatedDevices, ResumedSessionHasTheBytesOfAnUndisturbedOne) {
   EXPECT_EQ(whole[4], rest[0]);
   EXPECT_EQ(whole[5], rest[1]);
   EXPECT_NE(whole[4], whole[5]) << "two photos of one state have their own noise";
-}
-
-TEST(SimulatedDevices, LatencyShowsTheFormerPictureForThatManyPhotos) {
-  auto room = test::small_room();
-  room.simulation.projectors[0].latency_frames = 2;
-  const auto simulator = test::simulate(room);
-  const capture::Devices devices = simdata::simulated_devices(simulator);
-  ASSERT_TRUE(devices.cameras[0]->arm(10));
-  ASSERT_TRUE(devices.projectors[0]->show(flat(1)));
-  std::vector<double> brightness;
-  for (int i = 0; i < 4; ++i) {
-    const capture::Exposure e = *devices.cameras[0]->trigger();
-    double sum = 0;
-    for (float v : e.values.data()) sum += v;
-    brightness.push_back(sum);
-  }
-  EXPECT_LT(brightness[1], .05 * brightness[2]);
-  EXPECT_NEAR(brightness[0] / brightness[1], 1, .1);
-  EXPECT_NEAR(brightness[3] / brightness[2], 1, .01);
 }
 
 TEST(SimulatedDevices, PicturesOfAnotherSizeAreABug) {

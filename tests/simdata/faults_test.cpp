@@ -1,5 +1,5 @@
 // Every fault does what its name says, from its photo on, and the same each time.
-#include "simdata/render/faults.h"
+#include "simdata/device/faults.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

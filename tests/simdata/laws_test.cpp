@@ -236,8 +236,8 @@ TEST(PathTracing, StandardErrorHalvesWithFourTimesThePaths) {
   EXPECT_NEAR(ratio, 2, .08);
 }
 
-// Of a typical pixel, between renderings that differ in their seed alone. (Beside the crease strata are split until they
-// are small against their distance, however many samples there are, and noise is the same.)
+// Of a typical pixel, between renderings that differ in their seed alone. (Beside the crease strata are split until
+// they are small against their distance, however many samples there are, and noise is the same.)
 double noise(int samples) {
   std::vector<Image> images;
   for (std::uint64_t seed : {11, 12, 13, 14}) {

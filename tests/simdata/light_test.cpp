@@ -88,16 +88,17 @@ TEST(DirectLight, ReferenceIrradianceIsOneAtTheWorkingDistanceOfTheFirstProjecto
   EXPECT_GT(checked, 20);
 }
 
-TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
+TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftResolutionAndDistortion) {
   Simulation room;  // a wall of 40 m that catches every picture
   room.surfaces = simdata::surfaces_of({170, {20, 20}, {20, 20}, -9, -9});
   const auto scene = *simdata::Scene::make(*simdata::make_shapes(room));
   std::vector<double> flux;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 4; ++i) {
     SimulatedProjector p;
     p.id = "p";
-    p.position = {.3, 1, 4}, p.target = {-.4 + i, .7, .4};
-    p.falloff = 0, p.throw_ratio = 1 + .4 * i, p.lens_shift = {.1 * i, -.2 * i};
+    p.position = {.3, 1, 4}, p.target = {-.4 + i % 3, .7, .4};
+    p.falloff = 0, p.throw_ratio = 1 + .4 * (i % 3), p.lens_shift = {.1 * (i % 3), -.2 * (i % 3)};
+    if (i == 3) p.distortion = {-.15, .04, .02, -.015, .01};  // densities of .6 to 1.3 of the undistorted ones
     Rig rig;
     rig.projectors.resize(1);
     rig.projectors[0].id = "p";
@@ -118,6 +119,33 @@ TEST(Emitter, GivesTheSameFluxAtAnyThrowShiftAndResolution) {
   }
   // power 1 m^2 means flux 1; cells of a centimetre on a picture of two metres leave .5 %.
   for (double f : flux) EXPECT_NEAR(f, 1, .005);
+}
+
+TEST(Emitter, LightsNothingBeyondTheFoldOfItsDistortion) {
+  Simulation room;
+  room.surfaces = simdata::surfaces_of({170, {20, 20}, {20, 20}, -9, -9});
+  const auto scene = *simdata::Scene::make(*simdata::make_shapes(room));
+  SimulatedProjector p;
+  p.id = "p", p.position = {0, 1, 4}, p.target = {0, 1, 0};
+  p.distortion = {-.3, 0, 0, 0, 0};  // folds at a tangent of 1.05
+  Rig rig;
+  rig.projectors.resize(1);
+  rig.projectors[0].id = "p", rig.projectors[0].resolution = {160, 100};
+  room.projectors = {p};
+  const Device device = *simdata::true_projector(room, rig, "p");
+  const simdata::Emitter emitter(p, device, 8);
+  int lit = 0, folded = 0;
+  for (int i = 1; i < 200; ++i) {
+    const simdata::SurfacePoint x = scene->point(1, i / 200., .5);
+    const Eigen::Vector3d seen = device.device_from_world * x.x;
+    const bool beyond = std::abs(seen.x() / seen.z()) > 1.05;
+    const auto beam = emitter.beam(*scene, x);
+    EXPECT_FALSE(beyond && beam) << i;
+    folded += beyond && device.lens.contains(device.project(x.x));
+    lit += beam.has_value();
+  }
+  EXPECT_GT(lit, 10);
+  EXPECT_GT(folded, 10);
 }
 
 TEST(DirectLight, GreyPictureGivesBlackLevelPlusGammaOfItsValue) {

@@ -41,20 +41,26 @@ Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camer
   return photo_of(exposure, spec);
 }
 
-// From settled black to white: how many photos go by before one looks like the last, for the slowest projector.
-Result<int> measure_latency(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec,
-                            const Photo& black) {
+struct Latency {
+  int photos = 0;  // that go by before one looks like the last, for the slowest projector
+  double ms = 0;   // from the first photo to that one, by the camera's clock
+};
+
+// From settled black to white.
+Result<Latency> measure_latency(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec,
+                                const Photo& black) {
   std::vector<Photo> after;
-  CS_TRY(Photo first, photo_with(devices, camera, spec, -1, true, 0));
-  after.push_back(std::move(first));
-  for (int i = 0; i <= kLongestLatency; ++i) {
+  std::vector<double> time_s;
+  for (const auto& p : devices.projectors) CS_TRY_VOID(p->show(flat(*p, 65535)));
+  for (int i = 0; i <= kLongestLatency + 1; ++i) {
     CS_TRY(const capture::Exposure exposure, camera.trigger());
     after.push_back(photo_of(exposure, spec));
+    time_s.push_back(exposure.timestamp_s);
   }
   const double settled = mean_difference(after.back().value, black.value);
   int latency = kLongestLatency + 1;  // a photo's noise is far below a tenth of the change
   while (latency > 0 && mean_difference(after[latency - 1].value, after.back().value) < 0.1 * settled) --latency;
-  return latency;
+  return Latency{latency, 1e3 * (time_s[latency] - time_s[0])};
 }
 
 Result<void> check_camera(const CameraSpec& spec, const capture::Devices& devices, capture::Camera& camera,
@@ -66,9 +72,10 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
       {fmt::format("camera {}: room in the dark", spec.id), fmt::format("{:.2f} % of full scale", 100 * dark),
        "other light than the projectors': switch lamps off, close blinds, or state the camera's pedestal",
        dark < 0.05});
-  CS_TRY(const int latency, measure_latency(devices, camera, spec, black));
+  CS_TRY(const Latency late, measure_latency(devices, camera, spec, black));
+  const int latency = late.photos;
   findings.push_back({fmt::format("camera {}: latency", spec.id),
-                      fmt::format("{} photos before a picture is seen", latency),
+                      fmt::format("{} photos before a picture is seen ({:.0f} ms)", latency, late.ms),
                       "pictures arrive too late for the capture: switch the projector's and the display's frame "
                       "interpolation off (game mode)",
                       latency <= kLongestLatency});

@@ -1,4 +1,4 @@
-#include "simdata/render/blur.h"
+#include "simdata/device/blur.h"
 
 #include <algorithm>
 #include <cmath>

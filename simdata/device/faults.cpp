@@ -1,4 +1,4 @@
-#include "simdata/render/faults.h"
+#include "simdata/device/faults.h"
 
 #include <algorithm>
 #include <charconv>
@@ -7,7 +7,7 @@
 
 #include "calib/base/random.h"
 #include "calib/file/nearest.h"
-#include "simdata/render/blur.h"
+#include "simdata/device/blur.h"
 
 namespace countershade::simdata {
 
