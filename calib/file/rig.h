@@ -158,7 +158,7 @@ struct Simulation {
   std::string room = "two-wall";  // what it is called in messages and reports; the surfaces say what it is
   double ambient = 0;             // radiance of the surround, fraction of reference white
   std::uint64_t seed = 1;
-  int samples = 4096;  // strata per surface, or rays, by which a receiving point looks at the room
+  int samples = 4096;  // strata, or rays, by which a receiving point looks at the room
   int block_px = 16;   // projector pixels per block of the indirect light
   std::vector<SimulatedSurface> surfaces;
   std::vector<SimulatedCamera> cameras;

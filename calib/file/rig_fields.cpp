@@ -138,7 +138,7 @@ Fields fields_of(Simulation& s) {
       {"room", &s.room, any(), "what the room is called"},
       {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
       {"seed", &s.seed, any(), "all noise follows from it"},
-      {"samples", &s.samples, between(16, 1 << 22), "strata or rays by which a point looks at a surface"},
+      {"samples", &s.samples, between(16, 1 << 22), "strata by which a point looks at the room"},
       {"block_px", &s.block_px, between(1, kMostPixels), "projector pixels per block of indirect light"},
   };
 }

@@ -16,11 +16,17 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
       emitters_(emitters),
       paint_(paint),
       viewers_(std::move(viewers)),
-      strata_(std::max(2, static_cast<int>(std::lround(std::sqrt(simulation.samples))))),
+      strata_(std::max(4, static_cast<int>(std::lround(
+                              std::sqrt(simulation.samples / std::max(1.0, scene_->size() - 1.0)))))),
       seed_(simulation.seed),
       ambient_(static_cast<float>(simulation.ambient)) {
   const int surfaces = scene_->size();
   list_pairs();
+  const double side = 1.0 / strata_;
+  cells_.resize(surfaces);
+  for (int s = 0; s < surfaces; ++s)
+    for (int k = 0; k < strata_ * strata_ && scene_->shape(s).form() != Shape::Form::kMesh; ++k)
+      cells_[s].push_back(cell_at(s, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side));
   // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each, and so have rooms
   // whose numbers would not fit.
   const bool draft = simulation.samples < 1024;
@@ -103,19 +109,23 @@ void IndirectLight::deposit(Standing& standing, const SurfacePoint& at, int row,
   }
 }
 
+IndirectLight::Cell IndirectLight::cell_at(int surface, double u, double v, double du, double dv) const {
+  const Shape& shape = scene_->shape(surface);
+  return {surface, u, v, du, dv, shape.at(u, v).x, shape.diagonal(u, v, du, dv)};
+}
+
 void IndirectLight::gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
                                 int depth) const {
   constexpr double kLargest = 0.25;  // a stratum's diagonal against its distance
-  const Shape& from = scene_->shape(cell.surface);
-  const double distance = (from.at(cell.u, cell.v).x - at.x).norm();
-  if (depth > 0 && from.diagonal(cell.u, cell.v, cell.du, cell.dv) > kLargest * distance) {
+  if (depth > 0 && cell.diagonal > kLargest * (cell.centre - at.x).norm()) {
     for (int k = 0; k < 4; ++k)
       gather_cell(standing, at, row,
-                  {cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
-                   cell.du / 2, cell.dv / 2},
+                  cell_at(cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
+                          cell.du / 2, cell.dv / 2),
                   random, depth - 1);
     return;
   }
+  const Shape& from = scene_->shape(cell.surface);
   const double du = (random.uniform() - 0.5) * cell.du, dv = (random.uniform() - 0.5) * cell.dv;
   for (double sign : {1.0, -1.0}) {
     const SurfacePoint y = scene_->point(cell.surface, cell.u + sign * du, cell.v + sign * dv);
@@ -183,7 +193,6 @@ void IndirectLight::gather_at(Standing& standing, int surface, int index) const 
   const SurfacePoint& at = standing.at[surface].point(index);
   standing.walls[surface].escape[index] = 1;
   Random random(mix(seed_ ^ mix((standing.at[surface].size() * 16ull + surface) << 32 | index)));
-  const double side = 1.0 / strata_;
   for (int t = 0; t < scene_->size(); ++t) {
     const Shape& from = scene_->shape(t);
     if (by_rays(t) || (t == surface && !from.sees_itself())) continue;
@@ -193,9 +202,8 @@ void IndirectLight::gather_at(Standing& standing, int surface, int index) const 
           gather_triangle(standing, at, index, {t, f, {{{0, 0}, {1, 0}, {0, 1}}}}, random, kDepth);
       continue;
     }
-    for (int k = 0; k < strata_ * strata_; ++k)
-      gather_cell(standing, at, index, {t, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side}, random,
-                  kDepth);
+    const int depth = t == surface ? 4 : kDepth;  // near itself a smooth surface exchanges evenly: 1 / (4 pi R^2)
+    for (const Cell& cell : cells_[t]) gather_cell(standing, at, index, cell, random, depth);
   }
   if (any_by_rays_) gather_rays(standing, surface, index, random);
 }

@@ -74,8 +74,11 @@ class IndirectLight {
   bool by_rays(int surface) const;
   struct Cell {
     int surface;
-    double u, v, du, dv;  // centre and size
+    double u, v, du, dv;  // centre and size of a part of the chart
+    Eigen::Vector3d centre;
+    double diagonal;  // m
   };
+  Cell cell_at(int surface, double u, double v, double du, double dv) const;
   void gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
                    int depth) const;
   void deposit(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double weight) const;
@@ -85,7 +88,8 @@ class IndirectLight {
   const std::vector<Emitter>& emitters_;
   const Paint& paint_;
   std::vector<Eigen::Vector3d> viewers_;
-  int strata_ = 64;
+  int strata_ = 64;                       // along each side of a chart
+  std::vector<std::vector<Cell>> cells_;  // per surface that has a chart
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
   bool any_by_rays_ = false;

@@ -16,7 +16,7 @@ namespace {
 const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"form-factors", form_factors}, {"closed-form", closed_form},     {"first-speed", first_speed},
     {"real-board", real_board},     {"two-wall-loop", two_wall_loop}, {"verify-honest", verify_honest},
-    {"sim-faults", sim_faults},     {"sim-speed", sim_speed},
+    {"sim-faults", sim_faults},     {"sim-speed", sim_speed},         {"sim-truth", sim_truth},
 };
 
 void print(const Study& study) {
@@ -89,10 +89,18 @@ int run(int argc, char** argv) {
   sweep->add_option("names", swept, "sweeps to run, or `all`");
   sweep->add_flag("--quick", quick, "few points in a smaller room");
   sweep->fallthrough();
+  auto* gallery = app.add_subcommand("gallery", "render the rooms of docs/rooms.md");
+  gallery->fallthrough();
   CLI11_PARSE(app, argc, argv);
   tools::ConsoleProgress progress(tools::default_console_mode());
   std::error_code code;
   std::filesystem::create_directories(output, code);
+  if (*gallery) {
+    const Result<void> made = render_gallery({output, &progress});
+    progress.finish();
+    if (!made) std::fprintf(stderr, "gallery: %s\n", made.error().message.c_str());
+    return made ? 0 : 1;
+  }
   if (*sweep) return run_sweeps(swept, quick, {output, &progress});
   bool all_ok = true;
   for (const std::string& name : names)
