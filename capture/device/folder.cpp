@@ -44,6 +44,9 @@ class FolderCamera final : public Camera {
   const std::string& id() const override { return id_; }
 
   Result<void> arm(double exposure_ms) override {
+    if (!(exposure_ms >= 0))
+      return error(ErrorCode::kBadValue, "camera '{}': exposure of {} ms; it must be positive, or 0 for the default",
+                   id_, exposure_ms);
     armed_ = true;
     exposure_ms_ = exposure_ms > 0 ? exposure_ms : options_.exposure_ms;
     return {};
@@ -109,7 +112,8 @@ class FolderProjector final : public Projector {
   int height() const override { return height_; }
 
   Result<void> show(const Picture& picture) override {
-    CS_CHECK(picture.same_size(width_, height_), "a picture in the projector's own resolution");
+    CS_CHECK(picture.same_size(width_, height_) && picture.channels() == 3,
+             "a picture in the projector's own resolution, RGB");
     CS_TRY_VOID(write_picture(folder_ / fmt::format("{:04}.png", next_), picture, 8));
     ++next_;
     return {};
