@@ -201,6 +201,10 @@ std::string plain(std::string what) {
 
 Result<Reader> Reader::open(const fs::path& path) {
   CS_TRY(const std::string text, read_text(path));
+  constexpr std::size_t kMostBytes = 256 << 10;  // a rig of a hundred devices has a tenth of that
+  if (text.size() > kMostBytes)
+    return error(ErrorCode::kBadValue, "'{}' has {} KB; a rig file has at most {}: is it another file?", path.string(),
+                 text.size() >> 10, kMostBytes >> 10);
   std::istringstream stream(text);
   try {
     return Reader{path, toml::parse(stream, path.string())};
@@ -301,6 +305,9 @@ std::optional<std::string> mistake(const SimulatedSurface& s) {
   if (s.shape != "rectangle" && s.shape != "mesh" &&
       !(s.azimuth_deg[1] > s.azimuth_deg[0] && s.azimuth_deg[1] - s.azimuth_deg[0] <= 360))
     return fmt::format("azimuth_deg = [{}, {}] must rise, by 360 at most", s.azimuth_deg[0], s.azimuth_deg[1]);
+  if (s.daylight > 0 && !(s.daylight_from[0] < s.daylight_to[0] && s.daylight_from[1] < s.daylight_to[1]))
+    return fmt::format("daylight_from = [{}, {}] must be below daylight_to = [{}, {}]", s.daylight_from[0],
+                       s.daylight_from[1], s.daylight_to[0], s.daylight_to[1]);
   if (s.shape == "sphere" && !(s.elevation_deg[1] > s.elevation_deg[0]))
     return fmt::format("elevation_deg = [{}, {}] must rise", s.elevation_deg[0], s.elevation_deg[1]);
   return std::nullopt;

@@ -72,7 +72,7 @@ struct Rig {
 
 struct SimulatedCamera {
   std::string id;
-  std::array<double, 3> position{0, 0, 0}, target{0, 0, 1};  // m, world: x right, y up, z away from the crease
+  std::array<double, 3> position{0, 0, 0}, target{0, 0, 1};  // m, world: x right, y up, z to the audience
   double roll_deg = 0;
   std::array<int, 2> resolution{1920, 1200};
   int channels = 3;

@@ -138,7 +138,7 @@ Fields fields_of(Simulation& s) {
       {"room", &s.room, any(), "what the room is called"},
       {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
       {"seed", &s.seed, any(), "all noise follows from it"},
-      {"samples", &s.samples, between(16, 1 << 22), "strata by which a point looks at the room"},
+      {"samples", &s.samples, between(16, 65536), "strata by which a point looks at the room; time grows with it"},
       {"block_px", &s.block_px, between(1, kMostPixels), "projector pixels per block of indirect light"},
   };
 }
@@ -147,7 +147,8 @@ namespace {
 
 Fields shape_of(SimulatedSurface& s) {
   const Field origin{"origin", &s.origin, between(-kFar, kFar), "its corner u = v = 0 [m]"};
-  const Field azimuth{"azimuth_deg", &s.azimuth_deg, between(-360, 360), "from, to; 0 = straight ahead, 90 = right"};
+  const Field azimuth{"azimuth_deg", &s.azimuth_deg, between(-360, 360),
+                      "from, to; 0 = straight ahead (-z), 90 = right (+x)"};
   const Field lit{"lit", &s.lit, text({"inside", "outside"}), "inside | outside: the side that is lit"};
   const Field radius{"radius", &s.radius, more_than(0, kFar), "[m]"};
   const Field height{"height", &s.height, more_than(0, kFar), "[m]"};
@@ -171,7 +172,8 @@ Fields shape_of(SimulatedSurface& s) {
             {"elevation_deg", &s.elevation_deg, between(-90, 90), "from, to; 90 = zenith"},
             lit};
   if (s.shape == "mesh")
-    return {{"mesh", &s.mesh, mandatory(any()), "OBJ or PLY, path relative to this file", "", "\"room.obj\""},
+    return {{"mesh", &s.mesh, mandatory(any()), "OBJ or PLY, at most 20,000 triangles, path relative to this file", "",
+             "\"room.obj\""},
             {"mesh_scale", &s.mesh_scale, more_than(0, 1e6), "metres per unit of the file"},
             placed("where its origin lies [m]")};
   return {origin,
@@ -213,7 +215,7 @@ Fields fields_of(SimulatedSurface& s) {
 Fields fields_of(SimulatedCamera& c) {
   return {
       {"id", &c.id, id(), "the [[camera]] that this is the truth of"},
-      {"position", &c.position, between(-kFar, kFar), "x right, y up, z away from the crease [m]"},
+      {"position", &c.position, between(-kFar, kFar), "x right, y up, z towards the audience [m]"},
       {"target", &c.target, between(-kFar, kFar), "point on its axis [m]"},
       {"roll_deg", &c.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
       {"resolution", &c.resolution, between(1, kMostPixels), "width, height [px]"},
@@ -246,7 +248,7 @@ Fields fields_of(SimulatedCamera& c) {
 Fields fields_of(SimulatedProjector& p) {
   return {
       {"id", &p.id, id(), "the [[projector]] that this is the truth of"},
-      {"position", &p.position, between(-kFar, kFar), "x right, y up, z away from the crease [m]"},
+      {"position", &p.position, between(-kFar, kFar), "x right, y up, z towards the audience [m]"},
       {"target", &p.target, between(-kFar, kFar), "point on its axis [m]"},
       {"roll_deg", &p.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
       {"throw_ratio", &p.throw_ratio, more_than(0, 100), "distance / picture width"},

@@ -104,6 +104,7 @@ enum class Style { kCanonical, kCommented };
 
 std::string comment_of(const Field& field, const Field& fresh) {
   if (field.rule.mandatory) return field.comment;
+  if (field.name == "shape") return field.comment + "; default: \"rectangle\"";  // `fresh` has the shape of its fields
   const std::string fallback = field.if_unset.empty() ? value_text(fresh.slot) : field.if_unset;
   return fmt::format("{}; default: {}", field.comment, fallback);
 }

@@ -163,8 +163,9 @@ Image block_light(const Picture& picture) {
   return blocks;
 }
 
-double block_change(const Image& a, const Image& b) {
+double block_change(const Image& a, const Image& b, int channels) {
   CS_CHECK(a.data().size() == b.data().size(), "pictures of different sizes");
+  if (channels == 1 && a.channels() == 3) return block_change(luminance_mean(a), luminance_mean(b), 1);
   double sum = 0;
   for (std::size_t i = 0; i < a.data().size(); ++i) sum += std::abs(a.data()[i] - b.data()[i]);
   return sum / std::max<std::size_t>(1, a.data().size());

@@ -41,8 +41,9 @@ PairLaw pair_law(const Bins& white, const Bins& black, const Bins& one, const Bi
 // Light of a picture in about 20 blocks across, 0..1: what of it survives in the bins of any camera. Encoded values are
 // squared, which is near enough to every projector's response for a prediction of "much" or "little".
 Image block_light(const Picture& picture);
-// Mean absolute change between two pictures of a projector, 0..1.
-double block_change(const Image& a, const Image& b);
+// Mean absolute change between two pictures of a projector, 0..1, for a camera of that many channels: one that sees
+// grey does not tell red from green.
+double block_change(const Image& a, const Image& b, int channels);
 
 // Positions in the sequence that belong to frame `position`, -1 where there is none.
 struct Companions {

@@ -82,6 +82,7 @@ class Capture {
   Result<void> accept(int f, const std::vector<Image>& blocks, const std::vector<Bins>& now,
                       const std::vector<Shot>& shots, int attempt);
   Result<void> retake(int f);
+  Result<bool> answers(const std::vector<Image>& blocks, const Pictures& pictures, const std::vector<Bins>& now);
 
   double noise(std::size_t c, const Bins& light) const;
   std::optional<double> response(std::size_t c, const std::string& projector) const;
@@ -396,8 +397,8 @@ std::string Capture::stale(const std::vector<Image>& blocks, const std::vector<B
   double unknown = 0;  // change of projectors whose light no camera has been seen to answer yet
   std::vector<double> predicted(cameras_.size()), whole(cameras_.size());
   for (std::size_t p = 0; p < blocks.size(); ++p) {
-    const double change = block_change(shown_[p], blocks[p]);
     for (std::size_t c = 0; c < cameras_.size(); ++c) {
+      const double change = block_change(shown_[p], blocks[p], now[c].colour.channels());
       const auto answer = response(c, sequence_.projectors[p].first);
       if (!answer) unknown = std::max(unknown, change);
       predicted[c] += change * answer.value_or(0);
@@ -483,6 +484,17 @@ Result<void> Capture::take_frame(int f) {
       CS_TRY(why, wrong_pair(f, shots));
     }
     if (why.empty()) return accept(f, blocks, now, shots, attempt);
+    if (is_stale && attempt == options_.retakes) {
+      CS_TRY(const bool seen, answers(blocks, pictures, now));
+      if (seen) {
+        progress_.note(
+            fmt::format("{}: no camera sees this picture change the light, though the projectors answer: its light "
+                        "falls beside what "
+                        "the cameras see",
+                        frame_name(f)));
+        return accept(f, blocks, now, shots, 0);
+      }
+    }
     if (attempt >= options_.retakes)
       return error(ErrorCode::kDevice,
                    "{}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
@@ -493,6 +505,31 @@ Result<void> Capture::take_frame(int f) {
     if (attempt > 0 && !is_stale) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
     shows = is_stale ? 1 : options_.retakes + 1;  // of a wrong pair nobody knows how late it is
   }
+}
+
+// Whether a frame that seems to be stale is not: every projector whose picture should have changed the light does
+// change it when it is inverted as a whole, and the frame's own light comes back. So its picture was there, where
+// nobody sees.
+Result<bool> Capture::answers(const std::vector<Image>& blocks, const Pictures& pictures,
+                              const std::vector<Bins>& now) {
+  const std::vector<Image> before = shown_;
+  const std::vector<Bins> former = former_;
+  bool all = true;
+  for (std::size_t p = 0; p < blocks.size() && all; ++p) {
+    if (block_change(before[p], blocks[p], 3) < 0.5 * kPredictable) continue;
+    double mean = 0;
+    for (float v : blocks[p].data()) mean += v / static_cast<double>(blocks[p].data().size());
+    Pictures probe = pictures;
+    probe[p] = Picture(pictures[p].width(), pictures[p].height(), 3, mean < 0.5 ? 65535 : 0);
+    CS_TRY(const std::vector<Bins> probed, settle(probe));
+    former_ = now;
+    all = any_change(probed);
+  }
+  CS_TRY(const std::vector<Bins> again, settle(pictures));
+  former_ = now;
+  all = all && !any_change(again);
+  shown_ = before, former_ = former;
+  return all;
 }
 
 // Stores a frame; when it came late, the next ones are shown as often before they are photographed.

@@ -16,8 +16,8 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
       emitters_(emitters),
       paint_(paint),
       viewers_(std::move(viewers)),
-      strata_(std::max(4, static_cast<int>(std::lround(
-                              std::sqrt(simulation.samples / std::max(1.0, scene_->size() - 1.0)))))),
+      strata_(std::max(
+          4, static_cast<int>(std::lround(std::sqrt(simulation.samples / std::max(1.0, scene_->size() - 1.0)))))),
       seed_(simulation.seed),
       ambient_(static_cast<float>(simulation.ambient)) {
   const int surfaces = scene_->size();

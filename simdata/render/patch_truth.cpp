@@ -87,7 +87,9 @@ struct Caster {
     }
     for (int j = 0; j < squares.size(); ++j) {
       const double f = out.form_factor(patch, j);
-      out.form_factor_sigma(patch, j) = static_cast<float>(std::sqrt(std::max(0.0, squares[j] - f * f) / n));
+      // Where no ray or every ray met j, one ray's worth is not known.
+      out.form_factor_sigma(patch, j) =
+          static_cast<float>(std::max(std::sqrt(std::max(0.0, squares[j] - f * f) / n), 1 / n));
     }
     for (int q = 0; q < lit.size(); ++q) {
       out.irradiance(patch, q) = lit[q];

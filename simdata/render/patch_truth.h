@@ -16,7 +16,7 @@ struct PatchTruth {
   int nu = 0, nv = 0;
   Eigen::VectorXd area;               // N, m^2
   Eigen::MatrixXf form_factor;        // (N, N): share of the diffuse light leaving i that arrives at j's lit side
-  Eigen::MatrixXf form_factor_sigma;  // standard error of each
+  Eigen::MatrixXf form_factor_sigma;  // standard error of each, at least one ray's worth
   Eigen::MatrixXd albedo;             // (N, 3), mean
   Eigen::MatrixXd irradiance;         // (N, projectors): mean, of each projector's full white
   Eigen::MatrixXd irradiance_sigma;   // standard error of each

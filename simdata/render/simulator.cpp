@@ -86,7 +86,11 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
     CS_TRY(const Device device, true_projector(simulation, rig, spec.id));
     const double distance = working_distance(device, *state->scene);
     if (!(distance > 0))
-      return error(ErrorCode::kBadValue, "simulated projector '{}' lights no surface; turn its target to one", spec.id);
+      return error(ErrorCode::kBadValue,
+                   "simulated projector '{}' lights no surface's lit side; turn its target to one, or turn the surface "
+                   "round (along_u leads right as seen from the lit side, faces of a mesh run anticlockwise, and "
+                   "mesh_scale = 0.001 is for files in millimetres)",
+                   spec.id);
     state->emitters.emplace_back(projector_of(simulation, spec.id), device, simulation.block_px);
     if (power == 0) power = state->emitters.front().power_for(distance);
     state->emitters.back().set_power(power);
@@ -111,7 +115,11 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
     View& view = *made.views.back();
     const float scale = exposure_scale(view, simulator->light(static_cast<int>(made.views.size()) - 1, white));
     if (!(scale > 0))
-      return error(ErrorCode::kBadValue, "simulated camera '{}' sees no lit surface; turn its target to one", spec.id);
+      return error(
+          ErrorCode::kBadValue,
+          "simulated camera '{}' sees no light: no lit surface is in its picture, or all of them are black; turn its "
+          "target to one",
+          spec.id);
     view.set_scale(scale);
   }
   progress.step("views", 1, 1);

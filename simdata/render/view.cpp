@@ -15,7 +15,7 @@ constexpr int kSub = 2;  // rays per pixel along each axis
 Light4 interpolated(const Rgb& field, const Receivers::Stencil& s) {
   Light4 sum = Light4::Zero();
   for (int i = 0; i < 4; ++i) sum += s.weight[i] * field.row(s.index[i]).transpose().array();
-  return sum.max(0.0f);  // continued beyond the outermost receivers it may fall below
+  return sum;
 }
 
 }  // namespace

@@ -1,12 +1,13 @@
 #include "simdata/room/mesh.h"
 
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 #include <algorithm>
 #include <assimp/Importer.hpp>
 #include <cmath>
+#include <fstream>
 #include <map>
-#include <numeric>
+#include <sstream>
+#include <string>
 #include <tuple>
 
 namespace countershade::simdata {
@@ -100,6 +101,30 @@ MeshShape::Triangles split_at_edges(const Corners& corners, const Faces& faces) 
   return out;
 }
 
+// Numbers of corners and faces that a PLY header announces, so that nobody reserves memory for 10^12 of them.
+Result<void> check_header(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::string line;
+  for (int i = 0; i < 200 && std::getline(in, line) && line.rfind("end_header", 0) != 0; ++i) {
+    std::istringstream words(line);
+    std::string element, what;
+    double count = 0;
+    if (!(words >> element >> what >> count) || element != "element") continue;
+    const double most = what == "face" ? kMostTriangles : 3.0 * kMostTriangles;
+    if (!(count >= 0 && count <= most))
+      return error(ErrorCode::kBadValue,
+                   "mesh '{}' announces {} elements '{}'; at most {} can be simulated: simplify it", path.string(),
+                   count, what, most);
+  }
+  return {};
+}
+
+std::string extension_of(const std::filesystem::path& path) {
+  std::string extension = path.extension().string();
+  for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+  return extension;
+}
+
 }  // namespace
 
 Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& given_faces, const std::string& name) {
@@ -140,12 +165,16 @@ Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double
   if (bytes > kMostBytes)
     return error(ErrorCode::kBadValue, "mesh '{}' has {} MB; at most {} triangles can be simulated: simplify it",
                  path.string(), bytes >> 20, kMostTriangles);
+  const std::string extension = extension_of(path);
+  if (extension != ".obj" && extension != ".ply")
+    return error(ErrorCode::kBadFile, "mesh '{}' is neither .obj nor .ply; export it as one of them", path.string());
+  CS_TRY_VOID(check_header(path));
   Assimp::Importer importer;
-  const aiScene* scene = importer.ReadFile(
-      path.string(), aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_PreTransformVertices);
+  // As it stands in the file: its indices are checked before anything follows them.
+  const aiScene* scene = importer.ReadFile(path.string(), 0);
   if (!scene || scene->mNumMeshes == 0)
-    return error(ErrorCode::kBadFile, "mesh '{}' is no OBJ or PLY that can be read: {}", path.string(),
-                 importer.GetErrorString());
+    return error(ErrorCode::kBadFile, "mesh '{}' has no faces that can be read ({}); export it again", path.string(),
+                 *importer.GetErrorString() ? importer.GetErrorString() : "no mesh in it");
   Corners corners;
   Faces faces;
   for (unsigned m = 0; m < scene->mNumMeshes; ++m) {
@@ -156,11 +185,13 @@ Result<MeshShape::Triangles> read_mesh(const std::filesystem::path& path, double
                         scale * Eigen::Vector3d(mesh.mVertices[i].x, mesh.mVertices[i].y, mesh.mVertices[i].z));
     for (unsigned i = 0; i < mesh.mNumFaces; ++i) {
       const aiFace& f = mesh.mFaces[i];
-      if (f.mNumIndices != 3) continue;  // points and lines
-      faces.emplace_back(first + f.mIndices[0], first + f.mIndices[1], first + f.mIndices[2]);
-      if (faces.back().maxCoeff() >= static_cast<int>(first + mesh.mNumVertices))
-        return error(ErrorCode::kBadFile, "mesh '{}': face {} names a corner that the file does not have",
-                     path.string(), i);
+      for (unsigned k = 0; k < f.mNumIndices; ++k)
+        if (f.mIndices[k] >= mesh.mNumVertices)
+          return error(ErrorCode::kBadFile,
+                       "mesh '{}': face {} names corner {}, but there are only {}; export it again", path.string(),
+                       i + 1, static_cast<int>(f.mIndices[k]), mesh.mNumVertices);
+      for (unsigned k = 2; k < f.mNumIndices; ++k)  // a convex polygon as a fan; points and lines are none
+        faces.emplace_back(first + f.mIndices[0], first + f.mIndices[k - 1], first + f.mIndices[k]);
     }
   }
   return prepared_mesh(corners, faces, path.string());

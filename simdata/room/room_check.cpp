@@ -60,7 +60,7 @@ Result<void> check_walls(const Simulation& s) {
                  s.surfaces.size());
   for (const SimulatedSurface& surface : s.surfaces) CS_TRY_VOID(check_surface(surface));
   CS_TRY_VOID(within("ambient", s.ambient, 0, 100));
-  CS_TRY_VOID(within("samples", s.samples, 16, 1 << 22));
+  CS_TRY_VOID(within("samples", s.samples, 16, 65536));
   return within("block_px", s.block_px, 1, 4096);
 }
 
@@ -82,6 +82,11 @@ Result<void> check_camera(const SimulatedCamera& c) {
   const std::string what = "camera '" + c.id + "'";
   CS_TRY_VOID(check_pose(what, c.position, c.target));
   for (int side : c.resolution) CS_TRY_VOID(within(what + " resolution", side, 4, 65535));
+  if (static_cast<double>(c.resolution[0]) * c.resolution[1] > 32e6)
+    return error(ErrorCode::kBadValue,
+                 "[simulation] {} has {} x {} pixels; 32 million are the most that can be simulated: take a smaller "
+                 "resolution",
+                 what, c.resolution[0], c.resolution[1]);
   if (c.channels != 1 && c.channels != 3)
     return error(ErrorCode::kBadValue, "[simulation] {} channels = {}; 1 or 3 are possible", what, c.channels);
   CS_TRY_VOID(within(what + " focal_px", c.focal_px, 1, 1e6));
@@ -127,6 +132,12 @@ Result<void> check_room(const Rig& rig, const Simulation& simulation) {
                    spec.id);
     CS_TRY_VOID(check_projector(*found));
     for (int side : spec.resolution) CS_TRY_VOID(within("projector '" + spec.id + "' resolution", side, 4, 65535));
+    for (const std::array<int, 2>& size : {spec.resolution, found->native_resolution})
+      if (static_cast<double>(size[0]) * size[1] > 16e6)
+        return error(ErrorCode::kBadValue,
+                     "projector '{}' has {} x {} pixels; 16 million are the most that can be simulated: take a smaller "
+                     "resolution",
+                     spec.id, size[0], size[1]);
   }
   if (rig.projectors.empty()) return error(ErrorCode::kBadValue, "the rig has no projector; add a [[projector]]");
   return {};

@@ -51,9 +51,9 @@ const SimulatedSurface& surface(const RigAndRoom& made, const std::string& id) {
 void place(RigAndRoom& made, int q, const Three& position, const Points& points) {
   SimulatedProjector& p = made.simulation.projectors[q];
   p.position = position;
-  p.roll_deg = 0.6 - 0.9 * q;
-  p.gain = 1 - 0.04 * q;
-  p.falloff = 0.12 + 0.03 * q;
+  p.roll_deg = rounded(0.6 - 0.9 * q, 0.01);
+  p.gain = rounded(1 - 0.04 * q, 0.01);
+  p.falloff = rounded(0.12 + 0.03 * q, 0.01);
   CS_CHECK(aim_projector(points, made.rig, p), "projector '" + p.id + "' has its place");
 }
 

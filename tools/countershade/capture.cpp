@@ -51,6 +51,18 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
   }
   if (options.rig.empty())
     return error(ErrorCode::kBadValue, "which rig? countershade simulate RIG.toml (countershade new writes one)");
+  if (options.truth_options.light && options.truth.empty())
+    return error(ErrorCode::kBadValue, "--truth-light says what --truth shall write; add --truth FOLDER");
+  if (!options.truth.empty() && fs::exists(options.truth))
+    return error(ErrorCode::kExists, "'{}' exists already; choose another name with --truth or remove it",
+                 options.truth.string());
+  if (!options.truth.empty()) {
+    const fs::path inside = fs::absolute(options.truth).lexically_relative(fs::absolute(options.out));
+    if (!inside.empty() && *inside.begin() != "..")
+      return error(ErrorCode::kBadValue,
+                   "--truth '{}' lies in the session '{}', which shall not know it; choose another",
+                   options.truth.string(), options.out.string());
+  }
   CS_TRY(Rig rig, read_rig(options.rig));
   if (simulate)
     for (CameraSpec& camera : rig.cameras) camera.backend = "simulated";

@@ -24,6 +24,8 @@ Result<Answer> run_new(const Options& options) {
     if (options.room != "two-wall")
       return error(ErrorCode::kBadValue, "--angle is the angle between the walls of 'two-wall'; '{}' has none to set",
                    options.room);
+    if (!(options.angle_deg >= 15 && options.angle_deg <= 170))
+      return error(ErrorCode::kBadValue, "--angle {} is outside 15 to 170 degrees", options.angle_deg);
     made = simdata::default_two_wall(options.angle_deg);
   }
   const std::filesystem::path folder = options.out.has_parent_path() ? options.out.parent_path() : ".";
@@ -57,7 +59,6 @@ void add_new(CLI::App& app, Action& action) {
   for (const auto& [name, what] : simdata::room_kinds()) rooms += fmt::format("\n{} - {}", name, what);
   verb->add_option("room", options->room, rooms)->required();
   verb->add_option("--angle", options->angle_deg, "angle between the walls of two-wall [degrees]")
-      ->check(CLI::Range(15.0, 170.0))
       ->capture_default_str();
   verb->add_option("-o,--output", options->out, "rig file to write")->capture_default_str();
   verb->callback([options, &action] { action = [options](const Context&) { return run_new(*options); }; });
