@@ -56,7 +56,8 @@ struct NoiseModel {
 };
 
 // Noise of photos of one camera, from the differences of neighbouring pixels (robust against edges): median absolute
-// second difference per brightness bin, then the line through variance against mean that most pixels agree with.
+// second difference per brightness bin, then the line through variance against mean that most pixels agree with; read
+// noise at least that of rounding to the smallest step that occurs (step / sqrt(12)).
 // Photos as in Photo; valid has one channel. {1e-3, 0} where no bin has enough valid pixels.
 NoiseModel estimate_noise(std::span<const Photo> photos);
 

@@ -263,6 +263,12 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
     double chi2 = 0, freedom = 0;
     for (int c = 0; c < 3; ++c)
       for (int i = 0; i < P; ++i) chi2 += solutions[c][i].chi2, freedom += solutions[c][i].freedom;
+    if (pass == 0 && !(freedom > 0))
+      return error(
+          ErrorCode::kRefused,
+          "no patch has more photos than unknowns, so there is nothing to fit: {} photometric frames, of which "
+          "none may be saturated or of unknown noise; capture the full sequence with a lower exposure",
+          data.frames.size());
     if (pass == 0) fit.chi2 = freedom > 0 ? chi2 / freedom : 0;
     if (pass == 0) share = sender_share(solutions);
     if (pass == 1 && freedom > 0) inflation = std::sqrt(std::max(1.0, chi2 / freedom));

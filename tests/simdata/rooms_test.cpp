@@ -1,14 +1,21 @@
 #include "simdata/room/rooms.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
+#include "calib/file/file.h"
+#include "simdata/render/simulator.h"
+#include "tests/support/cli.h"
+
 namespace countershade {
 namespace {
 
 using simdata::RigAndRoom;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
 
 double crease_distance(const Screen& screen, const ChartPoint& at) {
   const Eigen::Vector3d x = screen.point(at);
@@ -154,6 +161,71 @@ TEST(RandomRooms, SameSeedSameRoomOtherSeedOtherRoom) {
             simulation_text(simdata::random_two_wall(5).simulation));
   EXPECT_NE(simulation_text(simdata::random_two_wall(5).simulation),
             simulation_text(simdata::random_two_wall(6).simulation));
+}
+
+// ---- rooms of all kinds ----
+
+std::string complaint(const RigAndRoom& made) {
+  SilentProgress quiet;
+  const auto simulator = simdata::Simulator::make(made.rig, made.simulation, quiet);
+  return simulator ? std::string() : simulator.error().message;
+}
+
+TEST(RoomKinds, EachIsWrittenAndReadBackAndAsymmetric) {
+  for (const auto& [kind, what] : simdata::room_kinds()) {
+    const RigAndRoom made = simdata::default_room(kind).value();
+    testing::TemporaryFolder folder;
+    ASSERT_TRUE(write_atomically(folder / "rig.toml", rig_text(made.rig, &made.simulation)));
+    const auto read = read_simulation(folder / "rig.toml");
+    ASSERT_TRUE(read) << kind << ": " << read.error().message;
+    if (made.files.empty()) {
+      EXPECT_EQ(simulation_text(*read), simulation_text(made.simulation)) << kind;
+    }
+    for (std::size_t a = 0; a < made.simulation.projectors.size(); ++a)
+      for (std::size_t b = 0; b < a; ++b)
+        EXPECT_NE(made.simulation.projectors[a].throw_ratio, made.simulation.projectors[b].throw_ratio) << kind;
+  }
+  EXPECT_NE(simdata::default_room("cavern").error().message.find("cave4"), std::string::npos);
+}
+
+TEST(TwoWall, AnyAngleHasARoom) {
+  for (double angle : {15., 30., 60., 97., 130., 170.}) {
+    RigAndRoom made = simdata::smaller(simdata::default_two_wall(angle), 8, 8, 64);
+    EXPECT_NEAR(simdata::edge_angle_deg(made.simulation), angle, .001);
+    EXPECT_EQ(complaint(made), "") << angle;
+  }
+}
+
+TEST(Layout, SurfacesThatPassThroughEachOtherAreNamed) {
+  const auto with = [](auto change) {
+    RigAndRoom made = simdata::smaller(*simdata::default_room("cave4"), 8, 8, 64);
+    change(made.simulation);
+    return complaint(made);
+  };
+  EXPECT_EQ(with([](Simulation&) {}), "");
+  EXPECT_THAT(with([](Simulation& s) {
+                s.surfaces[1].origin = {-1.5, -.4, 1.};
+              }),
+              AllOf(HasSubstr("'front-wall'"), HasSubstr("pass through")));
+  // Two walls that halve each other exactly: lines of both meet there.
+  EXPECT_THAT(with([](Simulation& s) {
+                s.surfaces[0].origin = {-1, 0, 1}, s.surfaces[0].along_u = {2, 0, 0}, s.surfaces[0].along_v = {0, 2, 0};
+                s.surfaces[2].origin = {0, 0, 0}, s.surfaces[2].along_u = {0, 0, 2}, s.surfaces[2].along_v = {0, 2, 0};
+                s.surfaces.resize(3);
+              }),
+              HasSubstr("pass through"));
+  EXPECT_THAT(with([](Simulation& s) {
+                s.surfaces[3] = s.surfaces[1];
+                s.surfaces[3].id = "twin";
+              }),
+              AllOf(HasSubstr("'twin'"), HasSubstr("lie in each other")));
+  EXPECT_THAT(with([](Simulation& s) { s.cameras[0].position = {.2, 1, 0}; }), HasSubstr("stands in the surface"));
+  EXPECT_THAT(with([](Simulation& s) { s.surfaces.clear(); }), HasSubstr("no surface"));
+  EXPECT_THAT(with([](Simulation& s) { s.surfaces[0].albedo[1] = .9, s.surfaces[0].patchwork = .2; }),
+              HasSubstr("more light than arrives"));
+  EXPECT_THAT(with([](Simulation& s) { s.cameras[0].target = {0, 1, 20}; }), HasSubstr("sees no light"));
+  EXPECT_THAT(with([](Simulation& s) { s.projectors[1].target = {0, 1, 30}; }), HasSubstr("lights no surface"));
+  EXPECT_THAT(with([](Simulation& s) { s.cameras[0].resolution = {8192, 8192}; }), HasSubstr("32 million"));
 }
 
 }  // namespace

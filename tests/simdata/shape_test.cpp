@@ -212,6 +212,22 @@ TEST(Mesh, ObjAndPlyFilesAreReadAndBrokenOnesRefused) {
                         "0\n3 0 1 2\n");
   ASSERT_TRUE(ply) << ply.error().message;
   EXPECT_NEAR(area_of(*ply), .5, 1e-9);
+  const auto broken_ply = [&](const std::string& face) {
+    const auto made =
+        read("b.ply",
+             "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float "
+             "z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 "
+             "0\n" +
+                 face + "\n");
+    return made ? std::string("read") : made.error().message;
+  };
+  EXPECT_THAT(broken_ply("3 0 1 -1"), HasSubstr("names corner -1"));
+  EXPECT_THAT(broken_ply("3 0 1 3"), HasSubstr("names corner 3"));
+  EXPECT_THAT(broken_ply("3 0 1 2000000000"), HasSubstr("names corner 2000000000"));
+  const auto huge = read("c.ply", "ply\nformat ascii 1.0\nelement vertex 3\nelement face 4000000000\nend_header\n");
+  ASSERT_FALSE(huge);
+  EXPECT_THAT(huge.error().message, HasSubstr("at most 20000"));
+  EXPECT_FALSE(read("a.stl", "solid\n"));
   EXPECT_FALSE(read("b.obj", "v 0 0 0\nv 1 0 0\nf 1 2 3\n")) << "a corner that is not there";
   EXPECT_FALSE(read("c.obj", "this is no mesh\n"));
   EXPECT_FALSE(read("d.obj", ""));

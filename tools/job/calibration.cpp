@@ -199,6 +199,15 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
   for (int c = 0; c < 3; ++c) summary.mean_k[c] = fit.k.col(c).mean();
   summary.frames = static_cast<int>(photometry.fitted.size());
   summary.notes.insert(summary.notes.end(), fit.notes.begin(), fit.notes.end());
+  constexpr double kHeldOutAllowed = 0.005;  // of white: what the compensated show may be wrong by
+  if (summary.held_out_error > kHeldOutAllowed)
+    summary.notes.push_back(
+        fmt::format("the held-out pictures come out wrong by {:.2f} % of white, more than {:.1f} %: the model does not "
+                    "describe this "
+                    "rig. Likely causes: a projector's response or picture mode is not the stated one, a frame shows "
+                    "another picture, "
+                    "the camera has too few bits or its exposure moved; run `countershade check`",
+                    100 * summary.held_out_error, 100 * kHeldOutAllowed));
   summary.has_model = true;
   return {};
 }
