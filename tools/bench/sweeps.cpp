@@ -322,10 +322,47 @@ Sweep frames() {
           ""};
 }
 
+// ---- rooms of all kinds ----
+
+// Share of the plain show's light that has bounced [%].
+Result<double> bounced_share(const PredictorInput& in, Progress&) {
+  const simdata::TrueLight light = in.simulator.light(0, in.emitted);
+  const double direct = mean(light.direct), indirect = mean(light.indirect);
+  return 100 * indirect / std::max(1e-12, direct + indirect);
+}
+
+Sweep rooms() {
+  std::vector<SweepSeries> series;
+  for (const auto& [name, what] : simdata::room_kinds()) {
+    const simdata::RigAndRoom made = simdata::default_room(name).value();
+    if (!made.files.empty()) continue;  // a mesh needs its file
+    const auto surfaces = static_cast<double>(made.simulation.surfaces.size());
+    series.push_back({name,
+                      {surfaces},
+                      name == "workbench" ? std::vector<double>{surfaces} : std::vector<double>(),
+                      [made](double, SweepSetting& s) {
+                        const int shrink = 1920 / s.room.simulation.cameras[0].resolution[0];
+                        const std::array<int, 2> pixels = s.room.rig.projectors[0].resolution;
+                        s.room = simdata::smaller(made, shrink, 1, s.room.simulation.samples);
+                        for (ProjectorSpec& p : s.room.rig.projectors) p.resolution = pixels;
+                        s.lens = simdata::true_camera(s.room.simulation, s.room.rig.cameras[0].id).value();
+                        s.lens.device_from_world = {};
+                      }});
+  }
+  return {"rooms",
+          "Every room that `countershade new` writes, on the defaults",
+          "surfaces of the room",
+          "share of the plain show's light that has bounced, %",
+          bounced_share,
+          std::move(series),
+          {},
+          ""};
+}
+
 }  // namespace
 
 const std::vector<Sweep>& sweeps() {
-  static const std::vector<Sweep> all = {noise(), glare(), gamma(), geometry(), frames()};
+  static const std::vector<Sweep> all = {noise(), glare(), gamma(), geometry(), frames(), rooms()};
   return all;
 }
 
