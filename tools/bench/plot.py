@@ -77,17 +77,21 @@ def sweep(rows, labels, figure):
     right.sharey(left)
     legend.axis("off")
     series = list(dict.fromkeys(row["series"] for row in rows))
+    colours = plt.get_cmap("tab20").colors if len(series) > 10 else [f"C{i}" for i in range(10)]
+    single = len(series) == len(rows)  # every series is one point: its name stands beside it
     for axes, column in [(left, "value"), (right, "predictor")]:
         for i, name in enumerate(series):
             chosen = sorted((r for r in rows if r["series"] == name and r[column] != "-"), key=lambda r: number(r[column]))
             at = [number(r[column]) for r in chosen]
             for method, style in OTHERS.items() if axes is left else []:
-                axes.plot(at, [number(r[f"{method} % W"]) for r in chosen], style, color=f"C{i}", lw=0.8, alpha=0.6)
-            axes.plot(at, [number(r["ours % W"]) for r in chosen], "-", color=f"C{i}", lw=1.6, alpha=1 if axes is left else 0.4)
+                axes.plot(at, [number(r[f"{method} % W"]) for r in chosen], style, color=colours[i], lw=0.8, alpha=0.6)
+            axes.plot(at, [number(r["ours % W"]) for r in chosen], "-", color=colours[i], lw=1.6, alpha=1 if axes is left else 0.4)
             for row, x in zip(chosen, at):
                 shown = row["said"] != "refused"
                 y = number(row["ours % W" if shown else "none % W"])  # refused: the plain show is what remains
-                axes.plot(x, y, SAID[row["said"]][0], color=f"C{i}", ms=9 - 1.5 * i, mfc="white" if row["said"] in ("PASS", "nothing") else f"C{i}")
+                axes.plot(x, y, SAID[row["said"]][0], color=colours[i], ms=max(5, 9 - 1.5 * i), mfc="white" if row["said"] in ("PASS", "nothing") else colours[i])
+                if single:
+                    axes.annotate(name, (x, y), xytext=(6, 3), textcoords="offset points", fontsize=7)
                 if row["verdict"] == "silent":
                     axes.plot(x, y, "o", color="red", ms=15, mfc="none", mew=2)
         axes.axhline(float(labels["bound"]), color="0.4", lw=0.8)
@@ -96,7 +100,7 @@ def sweep(rows, labels, figure):
         axes.grid(alpha=0.2)
     left.set(xlabel=labels["unit"], ylabel="light that is left, % of white")
     right.set(xlabel=labels["predictor"])
-    keys = [plt.Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(series)]
+    keys = [] if single else [plt.Line2D([], [], color=colours[i], label=name) for i, name in enumerate(series)]
     keys += [plt.Line2D([], [], color="0.3", ls=style, lw=0.8, label=method) for method, style in OTHERS.items()]
     keys += [plt.Line2D([], [], color="0.3", lw=1.6, label="ours")]
     heard = {SAID[row["said"]] + (row["said"],) for row in rows}
