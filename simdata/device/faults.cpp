@@ -84,7 +84,8 @@ const std::vector<FaultKind>& fault_kinds() {
       {"flicker", "share", 0.05, 0.001, 1, 0, "mains flicker: brightness differs from photo to photo"},
       {"lamp-switched-on", "full scale", 0.08, 0.001, 1, 40, "light from elsewhere, uneven over the room"},
       {"person-walks-in", "share of width", 0.12, 0.01, 1, 30, "somebody crosses the picture during 15 photos"},
-      {"camera-bumped", "camera px", 2, 0.01, 200, 50, "somebody touches the tripod: the view shifts"},
+      {"camera-bumped", "mm", 6, 0.01, 1000, 50, "somebody pushes the tripod aside"},
+      {"camera-turned", "degrees", 0.1, 0.0001, 30, 50, "somebody touches the camera: it looks elsewhere"},
       {"defocus", "camera px, sigma", 2, 0.1, 50, 0, "the camera's lens is out of focus"},
       {"glare", "share of the mean", 0.05, 0.0001, 1, 0, "veiling glare: the frame's mean light lies over it"},
       {"dust", "specks", 25, 1, 10000, 0, "dust on the sensor: dark spots that stay"},
@@ -156,6 +157,14 @@ int Faults::dropped(std::uint64_t photo) const {
   return at(photo, "dropped-frame") ? static_cast<int>(value(photo, "dropped-frame")) : 0;
 }
 
+std::optional<Pose> Faults::camera_move(std::uint64_t photo) const {
+  const double mm = value(photo, "camera-bumped"), degrees = value(photo, "camera-turned");
+  if (mm == 0 && degrees == 0) return std::nullopt;
+  // To the right and a little down, about an axis that is neither upright nor level.
+  const double angle = degrees * std::numbers::pi / 180;
+  return Pose{rotation_from_vector(angle * Eigen::Vector3d(0.6, 0.8, 0)), -1e-3 * mm * Eigen::Vector3d(0.8, 0.6, 0)};
+}
+
 std::vector<Picture> Faults::emitted(std::vector<Picture> pictures, std::uint64_t photo) const {
   if (value(photo, "wrong-display") > 0 && pictures.size() > 1 &&
       pictures[0].same_size(pictures[1].width(), pictures[1].height()))
@@ -183,10 +192,6 @@ void Faults::light(Image& light, std::uint64_t photo) const {
   if (const double v = value(photo, "flicker"); v > 0) {
     Random random(mix(seed_ ^ hash_name("flicker")) ^ photo);
     multiply(light, 1 + v * std::sin(2 * std::numbers::pi * random.uniform()));
-  }
-  if (const double v = value(photo, "camera-bumped"); v > 0) {
-    const Image before = light;
-    for_pixels(light, [&](int x, int y, int c) { return sample(before, x + 0.8 * v, y - 0.6 * v, c); });
   }
   if (const double v = value(photo, "lamp-switched-on"); v > 0)
     for_pixels(light, [&](int x, int y, int c) {

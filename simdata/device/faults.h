@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "calib/base/result.h"
+#include "calib/geometry/pose.h"
 #include "capture/device/device.h"
 
 namespace countershade::simdata {
@@ -46,6 +48,8 @@ class Faults {
   // Photos that the camera counts but never hands over, just before this one.
   int dropped(std::uint64_t photo) const;
 
+  // Where the camera stands now, seen from where it stood: moved_from_camera; none where nobody touched it.
+  std::optional<Pose> camera_move(std::uint64_t photo) const;
   // What the projectors really emit when they are sent these pictures.
   std::vector<Picture> emitted(std::vector<Picture> pictures, std::uint64_t photo) const;
   // What reaches the sensor, from the light of the room through the lens, (height, width, channels) full scale.

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <numbers>
 
+#include <fmt/format.h>
+
 #include "calib/base/parallel.h"
 #include "calib/base/random.h"
 
@@ -43,6 +45,17 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
   }
   gather(coarse_, 0, "indirect light, coarse", progress);
   gather(fine_, static_cast<int>(viewers_.size()), "indirect light", progress);
+}
+
+std::string IndirectLight::effort() const {
+  int receivers = 0;
+  std::size_t pairs = 0;
+  for (const Receivers& r : fine_.at) receivers += r.size();
+  for (const auto& p : pairs_) pairs += p.size();
+  return fmt::format(
+      "indirect light: {} receiving points, {} strata of each surface (2 samples each, more nearby), {} lit blocks; "
+      "{:.0f} MB",
+      receivers, strata_ * strata_, pairs, 4e-6 * static_cast<double>(entries_));
 }
 
 // Which blocks of which projector light which surface, with one block of margin.

@@ -18,6 +18,7 @@
 #include <Eigen/Dense>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
 #include "calib/base/progress.h"
@@ -44,7 +45,8 @@ class IndirectLight {
   // mirrors towards the viewer, in the same units (empty where it has none).
   std::vector<Rgb> solve(std::span<const PictureLight> light, int viewer) const;
 
-  std::int64_t entries() const { return entries_; }  // stored numbers
+  // How much was computed, in words.
+  std::string effort() const;
 
  private:
   using Weights = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -93,7 +95,7 @@ class IndirectLight {
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
   bool any_by_rays_ = false;
-  std::int64_t entries_ = 0;
+  std::int64_t entries_ = 0;                           // stored numbers
   std::vector<std::vector<std::vector<int>>> column_;  // [surface][projector][block], -1 = lights it not
   std::vector<std::vector<std::pair<int, int>>>
       pairs_;  // [surface][column] = projector, block; projector -1 = daylight

@@ -21,7 +21,8 @@ Image Simulator::mixed_light(int camera, std::span<const std::vector<PictureShar
       for (std::size_t k = 0; k < sum.block_mean.size(); ++k) sum.block_mean[k] += one.block_mean[k];
     }
   }
-  return state_->views.at(camera)->total(light, state_->indirect->solve(light, camera), *state_->indirect);
+  return state_->views.at(camera)->total(light, state_->indirect->solve(light, state_->viewers.at(camera)),
+                                         *state_->indirect);
 }
 
 }  // namespace countershade::simdata

@@ -56,6 +56,10 @@ class Simulator {
     Light4 share;
   };
   Image mixed_light(int camera, std::span<const std::vector<PictureShare>> shown) const;
+  // The same camera after somebody has moved it: moved_from_camera in its own coordinates (x right, y down, z forward;
+  // m). Its light, and only its light, is then given under the number that is returned. What gloss mirrors is still
+  // that towards the old place.
+  int moved_camera(int camera, const Pose& moved_from_camera) const;
   // What the lens makes of light: through_lens of the camera.
   Image optics(int camera, const Image& light) const;
   // One exposure of light after optics(): photon and read noise, quantisation. `draw` numbers the noise.

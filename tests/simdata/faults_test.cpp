@@ -106,11 +106,36 @@ TEST(Faults, NudgedAndMagnifiedPicturesShowTheirNeighbours) {
   EXPECT_EQ(magnified[0].at(60, 40, 1), ramp.at(30, 20, 1));
 }
 
-TEST(Faults, BumpedCameraSeesTheSceneShifted) {
-  Image light(40, 30, 1, 0.f);
-  light.at(20, 15) = 1;
-  Faults(parse_faults("camera-bumped=10@0").value(), 1).light(light, 0);
-  EXPECT_NEAR(light.at(12, 21), 1, 1e-6);
+// A turned camera sees the picture of its centre shifted by focal length times angle; a pushed one sees near things
+// move more than far ones.
+TEST(Faults, MovedCameraIsPosedAgain) {
+  const auto simulator = test::simulate(test::small_room());
+  const Device camera = *simdata::true_camera(simulator->simulation(), "camera");
+  const double degrees = 2, mm = 300;
+  const Pose turned = *Faults(parse_faults("camera-turned=2@0").value(), 1).camera_move(0);
+  const Pose pushed = *Faults(parse_faults("camera-bumped=300@0").value(), 1).camera_move(0);
+  EXPECT_FALSE(Faults(parse_faults("camera-turned=2@3").value(), 1).camera_move(2));
+  EXPECT_NEAR(vector_from_rotation(turned.rotation).norm(), degrees * std::numbers::pi / 180, 1e-12);
+  EXPECT_NEAR(pushed.inverse().translation.norm(), 1e-3 * mm, 1e-12);
+  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
+  const Image before = simulator->total_light(0, pictures);
+  for (const Pose& move : {turned, pushed}) {
+    const Image after = simulator->total_light(simulator->moved_camera(0, move), pictures);
+    const simdata::TrueGeometry g = simulator->geometry(0);
+    double wrong = 0, unmoved = 0, total = 0;
+    for (int y = 20; y < 130; y += 3)
+      for (int x = 20; x < 220; x += 3) {
+        if (!test::inside_wall(g, x, y)) continue;
+        const Ray ray = camera.ray({1. * x, 1. * y});
+        const Eigen::Vector3d point = ray.origin + g.depth.at(x, y) * ray.direction;
+        const Eigen::Vector2d q = camera.lens.project(move * (camera.device_from_world * point));
+        const float there = sample_bilinear(after, q.x(), q.y(), 1);
+        wrong += std::abs(there - before.at(x, y, 1)), unmoved += std::abs(after.at(x, y, 1) - before.at(x, y, 1));
+        total += before.at(x, y, 1);
+      }
+    EXPECT_LT(wrong / total, .012);  // edges of picture and walls, interpolated
+    EXPECT_GT(unmoved, 3 * wrong);
+  }
 }
 
 TEST(Faults, StaleFrameSeesTheFormerPictureOnce) {
