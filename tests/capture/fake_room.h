@@ -26,6 +26,7 @@ struct Room {
   double noise = 0;  // photon and read noise of a camera with this full well [e-]; 0 = none
   int shift_px = 0;  // how far the cameras have moved
   double full_scale = 65535;
+  double beside = 1;  // pictures from this share of their width on fall beside the screen, and nothing bounces
   double lamp = 1, flicker = 0;  // brightness of everything, and its change between even and odd photos
   std::map<int, int> wrong;      // trigger number -> how many shows ago the photo was really taken
   int triggers = 0, events = 0;
@@ -64,10 +65,11 @@ inline double mean_of(const Picture& picture) {
 }
 
 // Light of one projector's picture on a camera pixel, 0..1, and a tenth of its mean that bounced.
-inline double light_on(const Picture& picture, double mean, int which, int x, int y, int width, int height) {
+inline double light_on(const Picture& picture, double mean, int which, int x, int y, int width, int height,
+                       double beside = 1) {
   const double u = which == 0 ? x / (0.8 * width) : (x - 0.3 * width) / (0.7 * width), v = (y + 0.5) / height;
-  const double bounced = (0.08 + 0.02 * which) * mean;
-  if (u < 0 || u >= 1) return bounced;
+  const double bounced = beside < 1 ? 0 : (0.08 + 0.02 * which) * mean;
+  if (u < 0 || u >= beside) return bounced;
   const int px = static_cast<int>(u * picture.width()), py = static_cast<int>(v * picture.height());
   const double encoded = picture.at(px, py, (x + y) % 3) / 65535.0;
   return bounced + (0.6 + 0.2 * u - 0.1 * v) * encoded * encoded;
@@ -117,8 +119,8 @@ class FakeCamera final : public Camera {
     double light = 0.02;  // ambient
     for (std::size_t p = 0; p < shown.size(); ++p)
       if (shown[p].first)
-        light +=
-            light_on(*shown[p].first, shown[p].second, static_cast<int>(p), x + room_->shift_px, y, width_, height_);
+        light += light_on(*shown[p].first, shown[p].second, static_cast<int>(p), x + room_->shift_px, y, width_,
+                          height_, room_->beside);
     light *= 0.5 * exposure_ms_ / 10 * (room_->lamp + (room_->triggers % 2 ? room_->flicker : 0));
     if (room_->noise > 0) light += random.normal() * std::sqrt(light * room_->noise + 25) / room_->noise;
     return std::round(std::clamp(light, 0.0, 1.0) * room_->full_scale);

@@ -151,6 +151,22 @@ TEST(CaptureSession, DisplayThatStandsStillIsAnErrorThatNamesTheFrame) {
   EXPECT_EQ(fake::tree(scratch / "s"), expected);
 }
 
+// Half of each picture falls beside the screen, and the coarsest stripe lies there whole: its photo is black's, and the
+// display is not to blame.
+TEST(CaptureSession, PictureThatFallsBesideTheScreenIsNoStaleOne) {
+  fake::Scratch scratch("beside");
+  auto room = std::make_shared<Room>();
+  room->beside = 0.5;
+  Listener listener;
+  const auto done = run(room, scratch / "s", fake::rig(), listener);
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_THAT(listener.said, AllOf(HasSubstr("gray x bit 4"), HasSubstr("falls beside what the cameras see")));
+  EXPECT_EQ(photos_in(scratch / "s"), fake::sequence().frames.size());
+  room = std::make_shared<Room>();
+  room->beside = 0.5, room->frozen_after = 6;  // and one that stands still is still found
+  EXPECT_FALSE(run(room, scratch / "frozen"));
+}
+
 TEST(CaptureSession, DisplayThatNeverChangesLeavesNoPhoto) {
   fake::Scratch scratch("dead");
   auto room = std::make_shared<Room>();
