@@ -156,6 +156,12 @@ TEST_P(BadInputTest, IsNamedAndLeavesNothingBehind) {
   EXPECT_EQ(contents(folder.path()), before);
 }
 
+// A wall, a camera and a projector before it.
+constexpr const char* kRoom =
+    "[[camera]]\nid = \"c\"\nbackend = \"simulated\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n"
+    "[[simulation.surface]]\nid = \"wall\"\norigin = [-1, 0, 0]\nalong_u = [2, 0, 0]\nalong_v = [0, 1.5, 0]\n"
+    "[[simulation.camera]]\nid = \"c\"\nposition = [0.2, 1, 3]\ntarget = [0, 0.7, 0]\nresolution = [80, 50]\n"
+    "focal_px = 60.0\n[[simulation.projector]]\nid = \"p\"\nposition = [-0.1, 0.8, 2]\ntarget = [0, 0.7, 0]\n";
 constexpr const char* kRig = "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n";
 
 INSTANTIATE_TEST_SUITE_P(
@@ -173,6 +179,17 @@ INSTANTIATE_TEST_SUITE_P(
                  "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n[[simulation.surface]]\n"
                  "id = \"wall\"\nalong_u = [0, 2, 0]\n",
                  "simulate @/rig.toml -o @/out", "span no area"},
+        BadInput{"NoSamples", kRoom, "simulate @/rig.toml --samples 0 -o @/out", "16 to 65536"},
+        BadInput{"NegativeSamples", kRoom, "simulate @/rig.toml --samples -3 -o @/out", "16 to 65536"},
+        BadInput{"UnknownFault", kRoom, "simulate @/rig.toml --faults stale-frames -o @/out", "'stale-frame'"},
+        BadInput{"FaultOutOfRange", kRoom, "simulate @/rig.toml --faults glare=7 -o @/out", "0.0001 to 1"},
+        BadInput{"FaultTwice", kRoom, "simulate @/rig.toml --faults dust,dust -o @/out", "twice"},
+        BadInput{"TruthLightWithoutTruth", kRoom, "simulate @/rig.toml --truth-light -o @/out", "add --truth"},
+        BadInput{"TruthInTheSession", kRoom, "simulate @/rig.toml --truth @/out/truth -o @/out", "choose another"},
+        BadInput{"TooManyPatches", kRoom, "simulate @/rig.toml --truth @/truth --truth-patches 4096,2 -o @/out",
+                 "4096"},
+        BadInput{"AngleThatIsNone", kRoom, "new two-wall --angle nan -o @/new.toml", "15 to 170"},
+        BadInput{"UnknownRoom", kRoom, "new cavern -o @/new.toml", "'cave4'"},
         BadInput{"MissingRig", kRig, "capture @/nothing.toml -o @/out", "nothing.toml"},
         BadInput{"NoSimulation", kRig, "simulate @/rig.toml -o @/out", "[simulation]"},
         BadInput{"NoPhotos", kRig, "import @/rig.toml --photos @/nowhere -o @/out", "nowhere"},

@@ -17,6 +17,7 @@ namespace fs = std::filesystem;
 struct Options {
   fs::path rig, out, photos, sequence;
   std::string faults;
+  std::optional<int> samples;
   fs::path truth;
   TruthOptions truth_options;
 };
@@ -66,7 +67,7 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
   CS_TRY(Rig rig, read_rig(options.rig));
   if (simulate)
     for (CameraSpec& camera : rig.cameras) camera.backend = "simulated";
-  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress, std::move(faults)));
+  CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress, std::move(faults), options.samples));
   const Sequence sequence = capture::default_sequence(rig);
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
   if (!options.truth.empty())
@@ -124,6 +125,10 @@ void add_simulate(CLI::App& app, Action& action) {
                         *options, "session");
   verb->get_option("rig")->required(false);  // not for `--faults list`
   verb->add_option("--faults", options->faults, "what goes wrong: name=value@photo,...; `list` shows them all");
+  verb->add_option(
+      "--samples", options->samples,
+      "instead of the rig's: strata by which a point looks at the room, 16 to 65536; fewer than 1024 are a "
+      "draft");
   verb->add_option("--truth", options->truth,
                    "folder to write the room's truth to: geometry, correspondences, form factors, transport, devices");
   verb->add_option("--truth-patches", options->truth_options.patches, "patches per surface along u and v")

@@ -8,14 +8,15 @@
 namespace countershade::tools {
 
 Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
-                                 std::vector<simdata::Fault> faults) {
+                                 std::vector<simdata::Fault> faults, std::optional<int> samples) {
   for (const CameraSpec& camera : rig.cameras)
     if (camera.backend != "simulated")
       return error(ErrorCode::kDevice,
                    "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
                    "`countershade patterns` writes by hand and use `countershade import`",
                    camera.id, camera.backend);
-  CS_TRY(const Simulation simulation, read_simulation(simulation_file));
+  CS_TRY(Simulation simulation, read_simulation(simulation_file));
+  simulation.samples = samples.value_or(simulation.samples);
   CS_TRY(std::shared_ptr<simdata::Simulator> simulator, simdata::Simulator::make(rig, simulation, progress));
   OpenDevices open;
   open.devices = simdata::simulated_devices(simulator, std::move(faults));

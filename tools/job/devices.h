@@ -3,6 +3,7 @@
 
 #include <filesystem>
 #include <memory>
+#include <optional>
 
 #include "calib/base/progress.h"
 #include "calib/file/rig.h"
@@ -16,10 +17,10 @@ struct OpenDevices {
   std::shared_ptr<const simdata::Simulator> simulator;  // null for real devices
 };
 
-// `simulation_file` is a rig.toml or simulation.toml; it is read only if a device of the rig is simulated.
-// Errors: kDevice, kBadValue (no [simulation] for a simulated device).
+// samples: instead of the [simulation]'s. `simulation_file` is a rig.toml or simulation.toml; it is read only if a
+// device of the rig is simulated. Errors: kDevice, kBadValue (no [simulation] for a simulated device).
 Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
-                                 std::vector<simdata::Fault> faults = {});
+                                 std::vector<simdata::Fault> faults = {}, std::optional<int> samples = {});
 
 // An exposure as linear light: pedestal subtracted, response undone, 1 = full scale.
 Photo photo_of(const capture::Exposure& exposure, const CameraSpec& camera);
