@@ -117,28 +117,6 @@ NoiseModel consensus(const std::vector<Level>& levels) {
 
 }  // namespace
 
-namespace {
-
-// Smallest difference between two stored values of light that occur: the step of the converter; 0 for one value.
-double smallest_step(std::span<const Photo> photos) {
-  std::vector<float> values;
-  for (const Photo& photo : photos) {
-    const std::vector<float>& all = photo.value.data();
-    const std::size_t stride = 1 + all.size() * photos.size() / 40000;
-    for (std::size_t i = 0; i < all.size(); i += stride)
-      if (std::isfinite(all[i])) values.push_back(all[i]);
-  }
-  std::sort(values.begin(), values.end());
-  double step = 0;
-  for (std::size_t i = 1; i < values.size(); ++i) {
-    const double gap = static_cast<double>(values[i]) - values[i - 1];
-    if (gap > 1e-7 && (step == 0 || gap < step)) step = gap;
-  }
-  return step;
-}
-
-}  // namespace
-
 NoiseModel estimate_noise(std::span<const Photo> photos) {
   std::size_t pixels = 0;
   for (const Photo& photo : photos) pixels += photo.value.pixels();
@@ -152,9 +130,24 @@ NoiseModel estimate_noise(std::span<const Photo> photos) {
     levels.push_back({bin.sum / count, sigma * sigma / 1.5, count});
   }
   if (levels.empty()) return {1e-3, 0};
-  NoiseModel noise = consensus(levels);
-  noise.read = std::max(noise.read, smallest_step(photos) / std::sqrt(12.0));  // what rounding hides
-  return noise;
+  return consensus(levels);
+}
+
+double rounding_sigma(std::span<const Photo> photos) {
+  std::vector<float> values;
+  for (const Photo& photo : photos) {
+    const std::vector<float>& all = photo.value.data();
+    const std::size_t stride = 1 + all.size() * photos.size() / 40000;
+    for (std::size_t i = 0; i < all.size(); i += stride)
+      if (std::isfinite(all[i])) values.push_back(all[i]);
+  }
+  std::sort(values.begin(), values.end());
+  double step = 0;
+  for (std::size_t i = 1; i < values.size(); ++i) {
+    const double gap = static_cast<double>(values[i]) - values[i - 1];
+    if (gap > 1e-7 && (step == 0 || gap < step)) step = gap;
+  }
+  return step / std::sqrt(12.0);
 }
 
 float sample_bilinear(const Image& image, double x, double y, int c) {

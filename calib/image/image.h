@@ -56,10 +56,12 @@ struct NoiseModel {
 };
 
 // Noise of photos of one camera, from the differences of neighbouring pixels (robust against edges): median absolute
-// second difference per brightness bin, then the line through variance against mean that most pixels agree with; read
-// noise at least that of rounding to the smallest step that occurs (step / sqrt(12)).
+// second difference per brightness bin, then the line through variance against mean that most pixels agree with.
 // Photos as in Photo; valid has one channel. {1e-3, 0} where no bin has enough valid pixels.
 NoiseModel estimate_noise(std::span<const Photo> photos);
+// Standard deviation of what a converter rounds away, by the smallest step between values that occurs (step / sqrt(12));
+// coarse converters hide the noise that estimate_noise looks for. 0 where all values are equal.
+double rounding_sigma(std::span<const Photo> photos);
 
 // Value of channel c at (x, y) between pixel centres, bilinear, clamped at the border; NaN for a NaN.
 float sample_bilinear(const Image& image, double x, double y, int c);

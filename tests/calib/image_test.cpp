@@ -128,6 +128,15 @@ TEST(EstimateNoise, OfANoiselessRampIsNearlyNone) {
   EXPECT_LT(estimate_noise(std::span(&photo, 1)).sigma(0.5), 1e-7);  // rounding of floats near 1
 }
 
+TEST(RoundingSigma, IsThatOfTheConvertersStep) {
+  Random random = seeded();
+  Image image(200, 100, 1);
+  for (float& v : image.data()) v = std::round(63 * static_cast<float>(random.uniform(.1, .9))) / 63;
+  const Photo photo{image, Mask(200, 100, 1, 1), 1};
+  EXPECT_NEAR(rounding_sigma(std::span(&photo, 1)), 1 / (63 * std::sqrt(12.)), 1e-7);
+  EXPECT_EQ(rounding_sigma({}), 0);
+}
+
 TEST(EstimateNoise, HasADefaultWhereThereIsTooLittleToSee) {
   const Photo photo{Image(20, 5, 1, 0.5f), Mask(20, 5, 1, 1), 1};
   const NoiseModel found = estimate_noise(std::span(&photo, 1));

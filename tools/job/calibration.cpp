@@ -98,7 +98,10 @@ Result<Photometry> reduce_photos(const Session& session, const std::string& came
     progress.step("photometric frames", i, frames.size());
     const Role& role = frames[i]->role;
     CS_TRY(const Photo photo, session.photo(camera, frames[i]->index));
-    if (i == 0) noise = estimate_noise(std::span(&photo, 1));
+    if (i == 0) {
+      noise = estimate_noise(std::span(&photo, 1));
+      noise.read = std::max(noise.read, rounding_sigma(std::span(&photo, 1)));
+    }
     CS_TRY(const std::vector<Image> lights, lights_of(role, model));
     solver::PatchFrame frame = solver::reduce_frame(pixels, model.patches.size(), photo, noise, lights);
     frame.channels = channels_of(role);
