@@ -59,8 +59,8 @@ struct NoiseModel {
 // second difference per brightness bin, then the line through variance against mean that most pixels agree with.
 // Photos as in Photo; valid has one channel. {1e-3, 0} where no bin has enough valid pixels.
 NoiseModel estimate_noise(std::span<const Photo> photos);
-// Standard deviation of what a converter rounds away, by the smallest step between values that occurs (step / sqrt(12));
-// coarse converters hide the noise that estimate_noise looks for. 0 where all values are equal.
+// Standard deviation of what a converter rounds away, by the smallest step between values that occurs (step /
+// sqrt(12)); coarse converters hide the noise that estimate_noise looks for. 0 where all values are equal.
 double rounding_sigma(std::span<const Photo> photos);
 
 // Value of channel c at (x, y) between pixel centres, bilinear, clamped at the border; NaN for a NaN.
