@@ -343,6 +343,7 @@ std::optional<std::string> mistake(const SimulatedProjector& p) {
       if ((*curve)[i] < (*curve)[i - 1])
         return fmt::format("{} falls from {} to {} at its value {}; it must never fall", name, (*curve)[i - 1],
                            (*curve)[i], i + 1);
+    if (curve->size() > 4096) return fmt::format("{} has {} values; 4096 are the most", name, curve->size());
   }
   if ((p.native_resolution[0] == 0) != (p.native_resolution[1] == 0))
     return fmt::format("native_resolution = [{}, {}] has one side of 0; give both, or [0, 0] for none",
@@ -453,6 +454,64 @@ Result<Simulation> read_simulation(const fs::path& path) {
   for (SimulatedSurface& surface : simulation.surfaces) resolve(path.parent_path(), surface.mesh);
   for (SimulatedCamera& camera : simulation.cameras) resolve(path.parent_path(), camera.lens);
   return simulation;
+}
+
+namespace {
+
+// Checks the value in the slot of a field, as ReadValue does.
+struct CheckValue {
+  const Rule& rule;
+
+  Verdict operator()(std::string* v) const { return check_text(*v, rule); }
+  Verdict operator()(int* v) const { return check_number(*v, rule); }
+  Verdict operator()(double* v) const { return check_number(*v, rule); }
+  Verdict operator()(std::vector<double>* v) const { return all(*v); }
+  template <class T, std::size_t N>
+  Verdict operator()(std::array<T, N>* v) const {
+    return all(*v);
+  }
+  // Paths, seeds and switches may be anything; the others do not occur in a simulation.
+  template <class T>
+  Verdict operator()(const T&) const {
+    return std::nullopt;
+  }
+
+ private:
+  template <class List>
+  Verdict all(const List& list) const {
+    for (const auto& v : list)
+      if (Verdict wrong = check_number(v, rule)) return wrong;
+    return std::nullopt;
+  }
+};
+
+Result<void> check_fields(const Fields& fields, const std::string& name) {
+  for (const Field& f : fields)
+    if (const Verdict wrong = std::visit(CheckValue{f.rule}, f.slot))
+      return error(wrong->code, "{}: {} = {} {} ({})", name, f.name, fields::value_text(f.slot), wrong->text,
+                   f.comment);
+  return {};
+}
+
+// By value: the fields want something they could write to.
+template <class T>
+Result<void> check_tables(std::vector<T> tables, const char* name) {
+  for (T& one : tables) {
+    const std::string which = fmt::format("{} '{}'", name, one.id);
+    CS_TRY_VOID(check_fields(fields::fields_of(one), which));
+    if (const auto wrong = mistake(one)) return error(ErrorCode::kBadValue, "{}: {}", which, *wrong);
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_values(const Simulation& simulation) {
+  Simulation copy = simulation;
+  CS_TRY_VOID(check_fields(fields::fields_of(copy), "[simulation]"));
+  CS_TRY_VOID(check_tables(simulation.surfaces, "[[simulation.surface]]"));
+  CS_TRY_VOID(check_tables(simulation.cameras, "[[simulation.camera]]"));
+  return check_tables(simulation.projectors, "[[simulation.projector]]");
 }
 
 Result<bool> has_simulation(const fs::path& path) {

@@ -170,6 +170,9 @@ struct Simulation {
 Result<Rig> read_rig(const std::filesystem::path& path);
 // The [simulation] of the same file (or of a file that holds nothing else). kBadValue when there is none.
 Result<Simulation> read_simulation(const std::filesystem::path& path);
+// Whether every value is one that a file may hold, and no two contradict each other; the bounds of read_simulation.
+// kBadValue names table, value, bound and meaning.
+Result<void> check_values(const Simulation& simulation);
 // Whether the file has a [simulation] table.
 Result<bool> has_simulation(const std::filesystem::path& path);
 

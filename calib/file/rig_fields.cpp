@@ -139,7 +139,7 @@ Fields fields_of(Simulation& s) {
       {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
       {"seed", &s.seed, any(), "all noise follows from it"},
       {"samples", &s.samples, between(16, 65536), "strata by which a point looks at the room; time grows with it"},
-      {"block_px", &s.block_px, between(1, kMostPixels), "projector pixels per block of indirect light"},
+      {"block_px", &s.block_px, between(1, 4096), "projector pixels per block of indirect light"},
   };
 }
 
@@ -150,8 +150,8 @@ Fields shape_of(SimulatedSurface& s) {
   const Field azimuth{"azimuth_deg", &s.azimuth_deg, between(-360, 360),
                       "from, to; 0 = straight ahead (-z), 90 = right (+x)"};
   const Field lit{"lit", &s.lit, text({"inside", "outside"}), "inside | outside: the side that is lit"};
-  const Field radius{"radius", &s.radius, more_than(0, kFar), "[m]"};
-  const Field height{"height", &s.height, more_than(0, kFar), "[m]"};
+  const Field radius{"radius", &s.radius, between(1e-3, kFar), "[m]"};
+  const Field height{"height", &s.height, between(1e-3, kFar), "[m]"};
   const auto placed = [&](const char* meaning) {
     Field f = origin;
     f.comment = meaning;
@@ -218,17 +218,17 @@ Fields fields_of(SimulatedCamera& c) {
       {"position", &c.position, between(-kFar, kFar), "x right, y up, z towards the audience [m]"},
       {"target", &c.target, between(-kFar, kFar), "point on its axis [m]"},
       {"roll_deg", &c.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
-      {"resolution", &c.resolution, between(1, kMostPixels), "width, height [px]"},
+      {"resolution", &c.resolution, between(4, kMostPixels), "width, height [px]"},
       {"channels", &c.channels, one_of({1, 3}), "1 = grey, 3 = RGB"},
-      {"focal_px", &c.focal_px, more_than(0, 1e6), "focal length [px]"},
+      {"focal_px", &c.focal_px, between(1, 1e6), "focal length [px]"},
       {"principal", &c.principal, between(-kMostPixels, kMostPixels), "principal point [px]", "the picture's centre"},
       {"distortion", &c.distortion, between(-10, 10), "Brown-Conrady k1, k2, p1, p2, k3"},
-      {"full_well_e", &c.full_well_e, more_than(0, 1e9), "full scale [electrons]"},
+      {"full_well_e", &c.full_well_e, between(1, 1e9), "full scale [electrons]"},
       {"read_noise_e", &c.read_noise_e, between(0, 1e6), "[electrons]"},
       {"bits", &c.bits, between(1, 16), "bits of a stored value"},
-      {"white_level", &c.white_level, more_than(0, 100), "brightest white / full scale at the reference exposure"},
-      {"reference_exposure_ms", &c.reference_exposure_ms, more_than(0, 1e6), "[ms]"},
-      {"psf_sigma_px", &c.psf_sigma_px, between(0, 100), "blur [px]"},
+      {"white_level", &c.white_level, between(1e-3, 100), "brightest white / full scale at the reference exposure"},
+      {"reference_exposure_ms", &c.reference_exposure_ms, between(1e-6, 1e6), "[ms]"},
+      {"psf_sigma_px", &c.psf_sigma_px, between(0, 20), "blur [px]"},
       {"vignetting", &c.vignetting, between(0, 0.99), "loss at the picture's corner, fraction"},
       {"lens", &c.lens, any(), "mrcal .cameramodel, path relative to this file, of any lens",
        "focal_px, principal, distortion", "\"true_camera.cameramodel\""},
@@ -251,13 +251,13 @@ Fields fields_of(SimulatedProjector& p) {
       {"position", &p.position, between(-kFar, kFar), "x right, y up, z towards the audience [m]"},
       {"target", &p.target, between(-kFar, kFar), "point on its axis [m]"},
       {"roll_deg", &p.roll_deg, between(-360, 360), "turn about its axis [degrees]"},
-      {"throw_ratio", &p.throw_ratio, more_than(0, 100), "distance / picture width"},
-      {"lens_shift", &p.lens_shift, between(-5, 5), "picture's centre off the axis, right and down, in picture sizes"},
-      {"gain", &p.gain, more_than(0, 1e6), "luminous power beside the others"},
+      {"throw_ratio", &p.throw_ratio, between(0.1, 20), "distance / picture width"},
+      {"lens_shift", &p.lens_shift, between(-2, 2), "picture's centre off the axis, right and down, in picture sizes"},
+      {"gain", &p.gain, between(1e-6, 1e6), "luminous power beside the others"},
       {"gamma", &p.gamma, between(0.2, 5), "exponent of its response r, g, b"},
       {"black_level", &p.black_level, between(0, 0.9), "1 / contrast"},
-      {"falloff", &p.falloff, between(0, 0.99), "loss at the picture's corner, fraction"},
-      {"defocus_sigma_px", &p.defocus_sigma_px, between(0, 1000), "blur [px]"},
+      {"falloff", &p.falloff, between(0, 0.95), "loss at the picture's corner, fraction"},
+      {"defocus_sigma_px", &p.defocus_sigma_px, between(0, 20), "blur [px]"},
       {"latency_ms", &p.latency_ms, between(0, 1e4), "from sending a picture to its light [ms]"},
       {"distortion", &p.distortion, seldom(between(-10, 10)), "Brown-Conrady k1, k2, p1, p2, k3"},
       {"response_r", &p.response_r, between(0, 1), "light of red at equally spaced values, 2 or more", "gamma",
@@ -270,7 +270,7 @@ Fields fields_of(SimulatedProjector& p) {
       {"native_resolution", &p.native_resolution, seldom(between(0, kMostPixels)),
        "width, height [px] that pictures are scaled to; [0, 0] = none"},
       {"warm_up", &p.warm_up, seldom(between(0, 0.99)), "share of light missing when it is switched on"},
-      {"warm_up_s", &p.warm_up_s, seldom(more_than(0, 1e6)), "time constant of that [s]"},
+      {"warm_up_s", &p.warm_up_s, seldom(between(1e-6, 1e6)), "time constant of that [s]"},
       {"colour_wheel_hz", &p.colour_wheel_hz, seldom(between(0, 1e5)),
        "turns; red, green, blue in turn; 0 = none [1/s]"},
       {"pwm_hz", &p.pwm_hz, seldom(between(0, 1e6)), "light on and off, half and half; 0 = always on [1/s]"},

@@ -171,22 +171,23 @@ class SimulatedCameraDevice final : public capture::Camera {
     }
   }
 
-  // Light before the lens: what is the same for all rows at once, then each part that differs, row by row.
-  // The camera's view, from where it stands at that photo.
-  int view_of(std::uint64_t photo) {
+  // The camera's view, where somebody has moved it by that photo; else none.
+  const View* moved_view(std::uint64_t photo) {
     const std::optional<Pose> move = stage_->faults.camera_move(photo);
-    if (!move) return index_;
-    if (moved_view_ < 0 || !(moved_.translation == move->translation && moved_.rotation == move->rotation)) {
-      moved_view_ = stage_->simulator->moved_camera(index_, *move);
-      moved_ = *move;
-    }
-    return moved_view_;
+    if (!move) return nullptr;
+    if (!moved_ || move->translation != moved_to_.translation || move->rotation != moved_to_.rotation)
+      moved_ = stage_->simulator->moved_view(index_, *move), moved_to_ = *move;
+    return moved_.get();
   }
 
+  // Light before the lens: what is the same for all rows at once, then each part that differs, row by row.
   Image look(std::vector<Parts> seen, std::uint64_t photo) {
     using Share = Simulator::PictureShare;
     if (!stage_->faults.empty()) emit(seen, photo);
-    const int view = view_of(photo);
+    const View* moved = moved_view(photo);
+    const auto light_of = [&](std::span<const std::vector<Share>> shown) {
+      return stage_->simulator->mixed_light(index_, shown, moved);
+    };
     // Closed glasses are as dark for the surround: all light through open ones, then dimmed.
     const double dim = (glasses_.left + glasses_.right) / 2;
     const std::vector<std::vector<Share>> dark(seen.size());
@@ -195,7 +196,7 @@ class SimulatedCameraDevice final : public capture::Camera {
       for (const Timeline::Part& part : seen[q])
         if (part.share.size() == 1)
           steady[q].push_back({part.shown.picture.get(), part.share[0] / static_cast<float>(dim)});
-    Image light = stage_->simulator->mixed_light(view, steady);
+    Image light = light_of(steady);
     std::map<std::uint64_t, Image> used;
     for (std::size_t q = 0; q < seen.size(); ++q)
       for (const Timeline::Part& part : seen[q]) {
@@ -211,8 +212,8 @@ class SimulatedCameraDevice final : public capture::Camera {
             std::vector<std::vector<Share>> one = dark;
             one[q].push_back(
                 {part.shown.picture.get(), grey ? Light4(Light4::Ones()) : Light4(Eigen::Vector4f::Unit(c).array())});
-            alone = stage_->simulator->mixed_light(view, one);
-            const Image nothing = stage_->simulator->mixed_light(view, dark);
+            alone = light_of(one);
+            const Image nothing = light_of(dark);
             for (std::size_t i = 0; i < alone.data().size(); ++i) alone.data()[i] -= nothing.data()[i];
           }
           for (int y = 0; y < light.height(); ++y)
@@ -233,8 +234,8 @@ class SimulatedCameraDevice final : public capture::Camera {
   double exposure_ms_ = 0;
   std::uint64_t counter_ = 0, taken_ = 0;
   capture::Exposure former_;
-  int moved_view_ = -1;  // of a camera that somebody moved
-  Pose moved_;
+  std::shared_ptr<const View> moved_;  // of a camera that somebody moved
+  Pose moved_to_;
   std::uint64_t light_state_ = 0;
   Image light_;                           // of the last state, after optics; empty = none
   std::map<std::uint64_t, Image> alone_;  // light of single pictures that the last photo's rows saw for different times

@@ -127,8 +127,9 @@ Result<std::vector<Fault>> parse_faults(const std::string& text) {
     if (!(fault.value >= kind->low && fault.value <= kind->high))
       return error(ErrorCode::kBadValue, "--faults: {}={} is out of range; {} to {} ({})", name, fault.value, kind->low,
                    kind->high, kind->unit);
-    if (std::any_of(faults.begin(), faults.end(), [&](const Fault& f) { return f.kind == fault.kind; }))
-      return error(ErrorCode::kBadValue, "--faults: '{}' is named twice; keep one", name);
+    if (std::any_of(faults.begin(), faults.end(),
+                    [&](const Fault& f) { return f.kind == fault.kind && f.photo == fault.photo; }))
+      return error(ErrorCode::kBadValue, "--faults: '{}' is named twice for photo {}; keep one", name, fault.photo);
     faults.push_back(fault);
   }
   return faults;

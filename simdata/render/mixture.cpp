@@ -4,7 +4,7 @@
 
 namespace countershade::simdata {
 
-Image Simulator::mixed_light(int camera, std::span<const std::vector<PictureShare>> shown) const {
+Image Simulator::mixed_light(int camera, std::span<const std::vector<PictureShare>> shown, const View* moved) const {
   CS_CHECK(shown.size() == state_->emitters.size(), "pictures of each projector of the rig");
   std::vector<PictureLight> light;
   for (std::size_t q = 0; q < shown.size(); ++q) {
@@ -21,8 +21,8 @@ Image Simulator::mixed_light(int camera, std::span<const std::vector<PictureShar
       for (std::size_t k = 0; k < sum.block_mean.size(); ++k) sum.block_mean[k] += one.block_mean[k];
     }
   }
-  return state_->views.at(camera)->total(light, state_->indirect->solve(light, state_->viewers.at(camera)),
-                                         *state_->indirect);
+  const View& view = moved ? *moved : *state_->views.at(camera);
+  return view.total(light, state_->indirect->solve(light, camera), *state_->indirect);
 }
 
 }  // namespace countershade::simdata

@@ -18,7 +18,9 @@ int cell_of(double u, int n) {
 }
 
 struct Caster {
-  const Simulator::State& state;
+  const Scene& scene;
+  const std::vector<Emitter>& emitters;
+  const Paint& paint;
   int nu, nv, rays;
 
   int patch_of(const SurfacePoint& p) const { return (p.surface * nv + cell_of(p.v, nv)) * nu + cell_of(p.u, nu); }
@@ -30,15 +32,15 @@ struct Caster {
     for (int k = 0; k < side * side; ++k) {
       const double u = (iu + (k % side + random.uniform()) / side) / nu;
       const double v = (iv + (k / side + random.uniform()) / side) / nv;
-      all.emplace_back(state.scene->point(surface, u, v),
-                       state.scene->shape(surface).area_element(u, v) / (static_cast<double>(nu) * nv * side * side));
+      all.emplace_back(scene.point(surface, u, v),
+                       scene.shape(surface).area_element(u, v) / (static_cast<double>(nu) * nv * side * side));
     }
     return all;
   }
 
   // Points of a whole mesh, by area, sorted into its patches.
   std::vector<std::vector<std::pair<SurfacePoint, double>>> mesh_points(int surface, Random& random) const {
-    const auto& mesh = static_cast<const MeshShape&>(state.scene->shape(surface));
+    const auto& mesh = static_cast<const MeshShape&>(scene.shape(surface));
     const auto& [corners, normals, faces] = mesh.triangles();
     std::vector<double> areas;
     for (const Eigen::Vector3i& f : faces)
@@ -71,16 +73,15 @@ struct Caster {
     for (const auto& [p, a] : points) {
       const double weight = a / area;  // about 1 / n
       const double x = random.uniform(), y = random.uniform();
-      const SceneHit hit = state.scene->hit(p, cosine_direction(p.normal, p.along_u, x, y));
+      const SceneHit hit = scene.hit(p, cosine_direction(p.normal, p.along_u, x, y));
       if (hit.at.surface >= 0 && hit.front) {
         const int to = patch_of(hit.at);
         out.form_factor(patch, to) += static_cast<float>(weight);
         squares[to] += weight * weight * n;
       }
-      for (int c = 0; c < 3; ++c)
-        out.albedo(patch, c) += weight * state.paint.base()[p.surface][c] * state.paint.texture(p);
-      for (std::size_t q = 0; q < state.emitters.size(); ++q)
-        if (const auto beam = state.emitters[q].beam(*state.scene, p)) {
+      for (int c = 0; c < 3; ++c) out.albedo(patch, c) += weight * paint.base()[p.surface][c] * paint.texture(p);
+      for (std::size_t q = 0; q < emitters.size(); ++q)
+        if (const auto beam = emitters[q].beam(scene, p)) {
           lit[q] += weight * beam->irradiance;
           lit2[q] += weight * beam->irradiance * beam->irradiance;
         }
@@ -100,10 +101,10 @@ struct Caster {
 
 }  // namespace
 
-PatchTruth patch_truth(const Simulator& simulator, int nu, int nv, int rays, Progress& progress) {
+PatchTruth Simulator::patch_truth(int nu, int nv, int rays, Progress& progress) const {
   CS_CHECK(nu >= 1 && nv >= 1 && rays >= 100, "patches and at least 100 rays each");
-  const Simulator::State& state = simulator.state();
-  const Caster caster{state, nu, nv, rays};
+  const State& state = *state_;
+  const Caster caster{*state.scene, state.emitters, state.paint, nu, nv, rays};
   const int surfaces = state.scene->size(), each = nu * nv, n = surfaces * each;
   PatchTruth out;
   out.nu = nu, out.nv = nv;

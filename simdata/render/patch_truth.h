@@ -1,12 +1,9 @@
 // Form factors and light transfer of a room at patch resolution, by ray casting alone: no blocks, no receivers, no
-// formula of a form factor. What solvers are compared with.
+// formula of a form factor. What solvers are compared with; Simulator::patch_truth computes it.
 #pragma once
 
 #include <Eigen/Dense>
 #include <vector>
-
-#include "calib/base/progress.h"
-#include "simdata/render/simulator.h"
 
 namespace countershade::simdata {
 
@@ -23,8 +20,5 @@ struct PatchTruth {
   // B = D + diag(albedo) F B solved for unit D: (N, N) per channel, what patch j's direct radiosity 1 gives patch i.
   std::vector<Eigen::MatrixXf> transport;
 };
-
-// `rays` per patch, at least 100. Gloss and light-directing screens count as diffuse.
-PatchTruth patch_truth(const Simulator& simulator, int nu, int nv, int rays, Progress& progress);
 
 }  // namespace countershade::simdata

@@ -61,7 +61,8 @@ Receivers::Receivers(const Scene& scene, int surface, int count) {
   const double aspect = std::clamp(length(scene, surface, true) / length(scene, surface, false), 0.5, 2.0);
   const int nu = std::max(4, static_cast<int>(std::lround(std::sqrt(count * aspect))));
   const int nv = std::max(4, static_cast<int>(std::lround(std::sqrt(count / aspect))));
-  u_ = Spacing(nu, meets(scene, surface, true, 0), meets(scene, surface, true, 1));
+  closed_ = scene.shape(surface).closed();
+  u_ = Spacing(nu, !closed_ && meets(scene, surface, true, 0), !closed_ && meets(scene, surface, true, 1));
   v_ = Spacing(nv, meets(scene, surface, false, 0), meets(scene, surface, false, 1));
   for (int j = 0; j < nv; ++j)
     for (int i = 0; i < nu; ++i) points_.push_back(scene.point(surface, u_.place(i), v_.place(j)));
@@ -89,11 +90,13 @@ Receivers::Stencil Receivers::stencil(const SurfacePoint& at) const {
     return {{index(f[0]), index(f[1]), index(f[2]), index(f[0])}, {1 - b1 - b2, b1, b2, 0}};
   }
   const double x = u_.number(at.u), y = v_.number(at.v);
-  const int ix = std::clamp(static_cast<int>(std::floor(x)), 0, u_.count() - 2);
+  const int nu = u_.count(), floor_x = static_cast<int>(std::floor(x));
+  const int ix = closed_ ? floor_x : std::clamp(floor_x, 0, nu - 2);
   const int iy = std::clamp(static_cast<int>(std::floor(y)), 0, v_.count() - 2);
+  const int left = (ix + nu) % nu, right = (ix + 1) % nu;
   const float fx = static_cast<float>(x - ix), fy = static_cast<float>(y - iy);
-  const int i = iy * u_.count() + ix;
-  return {{index(i), index(i + 1), index(i + u_.count()), index(i + u_.count() + 1)},
+  const int below = iy * nu, above = below + nu;
+  return {{index(below + left), index(below + right), index(above + left), index(above + right)},
           {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy}};
 }
 

@@ -43,12 +43,14 @@ class Receivers {
 
   int size() const { return static_cast<int>(points_.size()); }
   const SurfacePoint& point(int index) const { return points_[index]; }
-  // Bilinear on the chart, continued linearly beyond the outermost receivers; linear on a triangle.
+  // Bilinear on the chart, continued linearly beyond the outermost receivers, or around a closed one; linear on a
+  // triangle.
   Stencil stencil(const SurfacePoint& at) const;
 
  private:
   void stand_on_mesh(const MeshShape& mesh, int surface);
   Spacing u_, v_;
+  bool closed_ = false;
   const MeshShape* mesh_ = nullptr;
   std::vector<SurfacePoint> points_;
 };

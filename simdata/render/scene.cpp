@@ -15,10 +15,8 @@ namespace {
 
 // Charts as Embree's own kind of geometry: bounds, hit, occlusion.
 Eigen::AlignedBox3d bounds_of(const Shape& shape) {
-  constexpr int kSteps = 64;
   Eigen::AlignedBox3d box;
-  for (int j = 0; j <= kSteps; ++j)
-    for (int i = 0; i <= kSteps; ++i) box.extend(shape.at(i / double{kSteps}, j / double{kSteps}).x);
+  for (const SurfacePoint& p : shape.samples()) box.extend(p.x);
   const Eigen::Vector3d slack = Eigen::Vector3d::Constant(0.01 * box.sizes().norm());  // what bulges between samples
   return {box.min() - slack, box.max() + slack};
 }
@@ -124,14 +122,8 @@ Scene::Scene(std::vector<std::shared_ptr<const Shape>> shapes, std::vector<doubl
   Eigen::AlignedBox3d box;
   for (const auto& shape : shapes_) {
     std::vector<Eigen::Vector3d> points;
-    if (const auto* mesh = dynamic_cast<const MeshShape*>(shape.get())) {
-      points = mesh->triangles().corners;
-      has_mesh_ = true;
-    } else {
-      constexpr int kSteps = 64;
-      for (int j = 0; j <= kSteps; ++j)
-        for (int i = 0; i <= kSteps; ++i) points.push_back(shape->at(i / double{kSteps}, j / double{kSteps}).x);
-    }
+    for (const SurfacePoint& p : shape->samples()) points.push_back(p.x);
+    has_mesh_ |= shape->form() == Shape::Form::kMesh;
     for (const Eigen::Vector3d& x : points) box.extend(x);
     samples_.push_back(std::move(points));
   }

@@ -36,7 +36,7 @@ class Scene {
   // Whether nothing stands between a point of a surface and a point in the room, or on surface `other`. `behind`: the
   // line leaves the surface on its back.
   bool visible(const SurfacePoint& from, const Eigen::Vector3d& to, int other = -1, bool behind = false) const;
-  // Distance of a point from a surface, to a hundredth of the surface's size.
+  // Distance of a point from the nearest sample of a surface.
   double distance(int surface, const Eigen::Vector3d& x) const;
 
  private:

@@ -113,7 +113,6 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
     made.cameras.push_back(spec);
     made.views.push_back(std::make_unique<View>(camera_of(simulation, spec.id), device, *made.scene, made.emitters,
                                                 made.paint, *made.indirect, simulation.ambient));
-    made.viewers.push_back(static_cast<int>(made.viewers.size()));
     View& view = *made.views.back();
     const float scale = exposure_scale(view, simulator->light(static_cast<int>(made.views.size()) - 1, white));
     if (!(scale > 0))
@@ -138,28 +137,22 @@ std::vector<PictureLight> Simulator::State::light_of(std::span<const Picture> pi
 TrueLight Simulator::light(int camera, std::span<const Picture> pictures) const {
   const View& view = *state_->views.at(camera);
   const std::vector<PictureLight> light = state_->light_of(pictures);
-  return {view.direct(light, *state_->indirect),
-          view.reflected(state_->indirect->solve(light, state_->viewers.at(camera)))};
+  return {view.direct(light, *state_->indirect), view.reflected(state_->indirect->solve(light, camera))};
 }
 
 Image Simulator::total_light(int camera, std::span<const Picture> pictures) const {
   const std::vector<PictureLight> light = state_->light_of(pictures);
-  return state_->views.at(camera)->total(light, state_->indirect->solve(light, state_->viewers.at(camera)),
-                                         *state_->indirect);
+  return state_->views.at(camera)->total(light, state_->indirect->solve(light, camera), *state_->indirect);
 }
 
-int Simulator::moved_camera(int camera, const Pose& moved_from_camera) const {
-  State& made = *state_;
-  const View& view = *made.views.at(camera);
+std::shared_ptr<const View> Simulator::moved_view(int camera, const Pose& moved_from_camera) const {
+  const View& view = *state_->views.at(camera);
   Device device = view.device();
   device.device_from_world = moved_from_camera * device.device_from_world;
-  auto moved = std::make_unique<View>(view.spec(), device, *made.scene, made.emitters, made.paint, *made.indirect,
-                                      made.simulation.ambient);
+  auto moved = std::make_shared<View>(view.spec(), device, *state_->scene, state_->emitters, state_->paint,
+                                      *state_->indirect, state_->simulation.ambient);
   moved->set_scale(view.scale());
-  const std::lock_guard lock(made.mutex);
-  made.views.push_back(std::move(moved));
-  made.viewers.push_back(made.viewers[camera]);
-  return static_cast<int>(made.views.size()) - 1;
+  return moved;
 }
 
 Image Simulator::optics(int camera, const Image& light) const {

@@ -31,6 +31,9 @@ struct TrueGeometry {
   std::vector<Image> projector_x, projector_y;  // per projector, NaN where it does not light the point
 };
 
+class View;
+struct PatchTruth;
+
 class Simulator {
  public:
   // Traces everything that does not depend on a pattern. Cameras and projectors are the simulated ones of the rig, in
@@ -55,11 +58,11 @@ class Simulator {
     const Picture* picture;
     Light4 share;
   };
-  Image mixed_light(int camera, std::span<const std::vector<PictureShare>> shown) const;
-  // The same camera after somebody has moved it: moved_from_camera in its own coordinates (x right, y down, z forward;
-  // m). Its light, and only its light, is then given under the number that is returned. What gloss mirrors is still
-  // that towards the old place.
-  int moved_camera(int camera, const Pose& moved_from_camera) const;
+  // From where the camera stands, or from where it was moved to.
+  Image mixed_light(int camera, std::span<const std::vector<PictureShare>> shown, const View* moved = nullptr) const;
+  // What a camera sees after somebody has moved it: moved_from_camera in its own coordinates (x right, y down, z
+  // forward; m). What gloss mirrors is still that towards the old place.
+  std::shared_ptr<const View> moved_view(int camera, const Pose& moved_from_camera) const;
   // What the lens makes of light: through_lens of the camera.
   Image optics(int camera, const Image& light) const;
   // One exposure of light after optics(): photon and read noise, quantisation. `draw` numbers the noise.
@@ -72,10 +75,12 @@ class Simulator {
   Traced trace_indirect(int camera, std::span<const Picture> pictures, std::span<const Eigen::Vector2d> pixels,
                         int paths) const;
 
-  struct State;  // for simdata/render
-  const State& state() const { return *state_; }
+  // Form factors and transfer of nu x nv patches per surface, by `rays` per patch, at least 100. Gloss and
+  // light-directing screens count as diffuse.
+  PatchTruth patch_truth(int nu, int nv, int rays, Progress& progress) const;
 
  private:
+  struct State;
   explicit Simulator(std::unique_ptr<State> state);
   std::unique_ptr<State> state_;
 };

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <mutex>
 #include <vector>
 
 #include "simdata/render/simulator.h"
@@ -19,10 +18,8 @@ struct Simulator::State {
   std::shared_ptr<const Scene> scene;
   std::vector<Emitter> emitters;
   std::unique_ptr<IndirectLight> indirect;
-  std::vector<std::unique_ptr<View>> views;  // of the cameras, then of moved ones
-  std::vector<int> viewers;                  // camera of each view
+  std::vector<std::unique_ptr<View>> views;
   std::vector<CameraSpec> cameras;
-  std::mutex mutex;  // of views, while a moved one is added
 
   std::vector<PictureLight> light_of(std::span<const Picture> pictures) const;
 };

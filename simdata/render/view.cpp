@@ -32,7 +32,7 @@ View::View(const SimulatedCamera& spec, const Device& device, const Scene& scene
   const int height = spec.resolution[1];
   walls_.resize(height);
   beams_.assign(emitters.size() + 1, std::vector<std::vector<BeamSample>>(height));
-  parallel_for(height, [&](int y) { sample_row(y, scene, emitters, indirect); });
+  parallel_for(height, [&](int y) { sample_row(y, {scene, emitters, indirect}); });
   std::size_t seen = 0;
   for (const auto& row : walls_)
     for (const WallSample& w : row) seen += w.field < surfaces_;
@@ -45,75 +45,65 @@ double View::transmission(double x, double y) const {
   return 1 - spec_.vignetting * 4 * (dx * dx + dy * dy) / (width * width + height * height);
 }
 
-namespace {
-
-// What the subsamples of one pixel see: charts are averaged per surface, since light is smooth on them.
-struct Seen {
-  SurfacePoint at;
-  double factor = 0;
-  int count = 0;
-};
-
-}  // namespace
-
-void View::sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters, const IndirectLight& indirect) {
+void View::sample_row(int y, const Traced& traced) {
   const Pose world_from_device = device_.device_from_world.inverse();
-  constexpr double kShare = 1.0 / (kSub * kSub);
-  const auto none = static_cast<int>(kNone);
   for (int x = 0; x < spec_.resolution[0]; ++x) {
-    const double kept = transmission(x, y) * kShare;
+    const double kept = transmission(x, y) / (kSub * kSub);
     const auto column = static_cast<std::uint16_t>(x);
     std::vector<Seen> seen;
+    double surround = 0;
     for (int k = 0; k < kSub * kSub; ++k) {
       const Eigen::Vector2d q(x + (k % kSub + 0.5) / kSub - 0.5, y + (k / kSub + 0.5) / kSub - 0.5);
-      const Ray ray{world_from_device.translation, world_from_device.rotation * device_.lens.unproject(q)};
-      SceneHit hit = scene.look(ray);
-      if (hit.at.surface >= 0 && !hit.front) continue;  // the back of a surface is black
-      if (hit.at.surface < 0) hit.at.surface = none;
-      const bool lit = hit.at.surface != none;
-      const double painted = lit ? kept * paint_.texture(hit.at) : kept;
-      const bool averaged = !lit || scene.shape(hit.at.surface).form() != Shape::Form::kMesh;
-      auto same = std::find_if(seen.begin(), seen.end(), [&](const Seen& s) {
-        return averaged && s.at.surface == hit.at.surface && std::abs(s.at.u / s.count - hit.at.u) < 0.5;  // no seam
-      });
-      if (same == seen.end()) {
-        seen.push_back({hit.at, painted, 1});
-      } else {
-        same->at.u += hit.at.u, same->at.v += hit.at.v, same->at.x += hit.at.x;
-        same->factor += painted, ++same->count;
-      }
-      if (!lit) continue;
-      const auto surface = static_cast<std::uint16_t>(hit.at.surface);
-      const Eigen::Vector3d to_camera = -ray.direction.normalized();
-      for (std::size_t p = 0; p < emitters.size(); ++p)
-        if (const auto beam = emitters[p].beam(scene, hit.at, emitters[p].margin())) {
-          const double lobe = beam->from_behind ? paint_.evenly_lit(hit.at, to_camera)
-                                                : paint_.lobe(hit.at, beam->to_projector, to_camera);
-          beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
-                                  static_cast<float>(painted * lobe * beam->irradiance), column, surface});
-        }
-      if (const double daylight = paint_.daylight(hit.at); daylight > 0)
-        beams_.back()[y].push_back(
-            {0, 0, static_cast<float>(painted * daylight * paint_.evenly_lit(hit.at, to_camera)), column, surface});
+      const SceneHit hit =
+          traced.scene.look({world_from_device.translation, world_from_device.rotation * device_.lens.unproject(q)});
+      if (hit.at.surface < 0) surround += kept;
+      if (hit.at.surface < 0 || !hit.front) continue;  // the back of a surface is black
+      const double factor = kept * paint_.texture(hit.at);
+      add_seen(seen, traced, hit.at, factor);
+      sample_beams(y, column, traced, hit.at, factor);
     }
-    for (Seen& s : seen) {
-      if (s.at.surface == none) {
-        walls_[y].push_back({{}, static_cast<float>(s.factor), column, kNone});
-        continue;
-      }
-      s.at.u /= s.count, s.at.v /= s.count, s.at.x /= s.count;
-      const int surface = s.at.surface;
-      const Receivers::Stencil stencil = indirect.receivers(surface).stencil(s.at);
-      const Eigen::Vector3d to_camera = (world_from_device.translation - s.at.x).normalized();
-      const double directed = paint_.is_diffuse(surface) ? 1 : paint_.directed(s.at, to_camera);
-      walls_[y].push_back(
-          {stencil, static_cast<float>(s.factor * directed), column, static_cast<std::uint16_t>(surface)});
-      if (paint_.is_glossy(surface))
-        walls_[y].push_back(
-            {stencil, static_cast<float>(s.factor), column, static_cast<std::uint16_t>(surfaces_ + surface)});
-    }
+    if (surround > 0) walls_[y].push_back({{}, static_cast<float>(surround), column, kNone});
+    for (const Seen& s : seen) sample_wall(y, column, traced, s);
   }
   for (auto& rows : beams_) rows[y].shrink_to_fit();
+}
+
+void View::add_seen(std::vector<Seen>& seen, const Traced& traced, const SurfacePoint& at, double factor) const {
+  const bool averaged = traced.scene.shape(at.surface).form() != Shape::Form::kMesh;
+  for (Seen& s : seen)
+    if (averaged && s.at.surface == at.surface && std::abs(s.at.u / s.count - at.u) < 0.5) {  // not across a seam
+      s.at.u += at.u, s.at.v += at.v, s.at.x += at.x;
+      s.factor += factor, ++s.count;
+      return;
+    }
+  seen.push_back({at, factor, 1});
+}
+
+void View::sample_beams(int y, std::uint16_t column, const Traced& traced, const SurfacePoint& at, double factor) {
+  const auto surface = static_cast<std::uint16_t>(at.surface);
+  const Eigen::Vector3d to_camera = (device_.position() - at.x).normalized();
+  for (std::size_t p = 0; p < traced.emitters.size(); ++p)
+    if (const auto beam = traced.emitters[p].beam(traced.scene, at, traced.emitters[p].margin())) {
+      const double lobe =
+          beam->from_behind ? paint_.evenly_lit(at, to_camera) : paint_.lobe(at, beam->to_projector, to_camera);
+      beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
+                              static_cast<float>(factor * lobe * beam->irradiance), column, surface});
+    }
+  if (const double daylight = paint_.daylight(at); daylight > 0)
+    beams_.back()[y].push_back(
+        {0, 0, static_cast<float>(factor * daylight * paint_.evenly_lit(at, to_camera)), column, surface});
+}
+
+void View::sample_wall(int y, std::uint16_t column, const Traced& traced, const Seen& seen) {
+  SurfacePoint at = seen.at;
+  at.u /= seen.count, at.v /= seen.count, at.x /= seen.count;
+  const Receivers::Stencil stencil = traced.indirect.receivers(at.surface).stencil(at);
+  const Eigen::Vector3d to_camera = (device_.position() - at.x).normalized();
+  walls_[y].push_back({stencil, static_cast<float>(seen.factor * paint_.directed(at, to_camera)), column,
+                       static_cast<std::uint16_t>(at.surface)});
+  if (paint_.is_glossy(at.surface))
+    walls_[y].push_back(
+        {stencil, static_cast<float>(seen.factor), column, static_cast<std::uint16_t>(surfaces_ + at.surface)});
 }
 
 void View::write_row(Image& image, int y, const std::vector<Light4>& row) const {

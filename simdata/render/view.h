@@ -43,7 +43,20 @@ class View {
     std::uint16_t column, field;  // field: the surface, or surfaces + surface for what its gloss mirrors
   };
   static constexpr std::uint16_t kNone = 0xffff;
-  void sample_row(int y, const Scene& scene, const std::vector<Emitter>& emitters, const IndirectLight& indirect);
+  struct Traced {  // what the samples are taken from
+    const Scene& scene;
+    const std::vector<Emitter>& emitters;
+    const IndirectLight& indirect;
+  };
+  struct Seen {  // one surface in one pixel: charts are averaged, since light is smooth on them
+    SurfacePoint at;
+    double factor = 0;
+    int count = 0;
+  };
+  void sample_row(int y, const Traced& traced);
+  void add_seen(std::vector<Seen>& seen, const Traced& traced, const SurfacePoint& at, double factor) const;
+  void sample_beams(int y, std::uint16_t column, const Traced& traced, const SurfacePoint& at, double factor);
+  void sample_wall(int y, std::uint16_t column, const Traced& traced, const Seen& seen);
   void add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
                   std::vector<Light4>& row) const;
   void add_reflected(int y, const std::vector<Rgb>& field, std::vector<Light4>& row) const;

@@ -47,23 +47,14 @@ bool coincides(const Shape& a, const Shape& b) {
   return false;
 }
 
+// Along the normal of the nearest sample where that is nearer than the sample itself.
 double distance(const Shape& shape, const Eigen::Vector3d& x) {
   double nearest = HUGE_VAL;
-  if (const auto* mesh = dynamic_cast<const MeshShape*>(&shape)) {
-    for (const Eigen::Vector3d& corner : mesh->triangles().corners) nearest = std::min(nearest, (corner - x).norm());
-    return nearest;
-  }
-  // Down from the nearest point of a grid, along the normal there.
-  SurfacePoint best;
-  constexpr int kSteps = 48;
-  for (int j = 0; j <= kSteps; ++j)
-    for (int i = 0; i <= kSteps; ++i) {
-      const SurfacePoint p = shape.at(i / double{kSteps}, j / double{kSteps});
-      if ((p.x - x).norm() < nearest) nearest = (p.x - x).norm(), best = p;
-    }
+  Eigen::Vector3d normal = Eigen::Vector3d::UnitX();
+  for (const SurfacePoint& p : shape.samples())
+    if ((p.x - x).norm() < nearest) nearest = (p.x - x).norm(), normal = p.normal;
   for (double side : {1.0, -1.0})
-    if (const auto hit = shape.intersect({x, side * best.normal}, -1e-12))
-      nearest = std::min(nearest, std::abs(hit->t));
+    if (const auto hit = shape.intersect({x, side * normal}, -1e-12)) nearest = std::min(nearest, std::abs(hit->t));
   return nearest;
 }
 

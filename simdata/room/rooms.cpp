@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "simdata/device/device_check.h"
+#include "simdata/device/device_lens.h"
 
 namespace countershade::simdata {
 

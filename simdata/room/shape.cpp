@@ -37,11 +37,6 @@ double arc_fraction(const Eigen::Vector3d& d, double first, double turn) {
   return angle / turn;
 }
 
-// A part of a full turn that is rounded up to one.
-double turn_of(const std::array<double, 2>& azimuth_deg) {
-  return radians(azimuth_deg[1] - azimuth_deg[0]);
-}
-
 // Real roots of a t^2 + 2 h t + c = 0 in rising order; none or one written twice where a = 0.
 std::optional<std::pair<double, double>> roots(double a, double h, double c) {
   if (std::abs(a) < 1e-14 * (std::abs(h) + std::abs(c))) {
@@ -66,82 +61,104 @@ double Shape::diagonal(double u, double v, double du, double dv) const {
   return (at_clamped(u + du / 2, v + dv / 2) - at_clamped(u - du / 2, v - dv / 2)).norm();
 }
 
+std::vector<SurfacePoint> Shape::samples() const {
+  constexpr int kSteps = 64;
+  std::vector<SurfacePoint> points;
+  for (int j = 0; j <= kSteps; ++j)
+    for (int i = 0; i <= kSteps; ++i) points.push_back(at(i / double{kSteps}, j / double{kSteps}));
+  return points;
+}
+
 // ---- rectangle ----
 
 RectangleShape::RectangleShape(const Eigen::Vector3d& origin, const Eigen::Vector3d& along_u,
                                const Eigen::Vector3d& along_v)
-    : origin_(origin), along_u_(along_u), along_v_(along_v) {
-  const Eigen::Vector3d cross = along_u.cross(along_v);
-  area_ = cross.norm();
-  CS_CHECK(area_ > 0 && std::isfinite(area_), "a rectangle's sides must span an area");
-  normal_ = cross / area_;
-  tangent_ = along_u.normalized();
-  Eigen::Matrix<double, 3, 2> A;
-  A << along_u, along_v;
-  chart_from_world_ = (A.transpose() * A).inverse() * A.transpose();
-}
+    : plane_(origin, along_u, along_v), normal_(plane_.normal(0, 0)), tangent_(along_u.normalized()) {}
 
 SurfacePoint RectangleShape::at(double u, double v) const {
   SurfacePoint p;
   p.u = u, p.v = v;
-  p.x = origin_ + u * along_u_ + v * along_v_;
+  p.x = plane_.point(u, v);
   p.normal = normal_;
   p.along_u = tangent_;
   return p;
 }
 
+double RectangleShape::diagonal(double, double, double du, double dv) const {
+  return (du * plane_.along_u() + dv * plane_.along_v()).norm();
+}
+
 std::optional<ShapeHit> RectangleShape::intersect(const Ray& ray, double t_near) const {
   const double slope = ray.direction.dot(normal_);
   if (slope == 0) return std::nullopt;
-  const double t = (origin_ - ray.origin).dot(normal_) / slope;
+  const double t = (plane_.origin() - ray.origin).dot(normal_) / slope;
   if (!(t > t_near)) return std::nullopt;
-  const Eigen::Vector2d c = chart_from_world_ * (ray.origin + t * ray.direction - origin_);
+  const Eigen::Vector2d c = plane_.chart_of(ray.origin + t * ray.direction);
   if (!in_chart(c.x(), c.y())) return std::nullopt;
   return ShapeHit{t, std::clamp(c.x(), 0.0, 1.0), std::clamp(c.y(), 0.0, 1.0)};
 }
 
-// ---- frustum ----
+// ---- round ----
 
-FrustumShape::FrustumShape(const SimulatedSurface& s)
+RoundShape::RoundShape(const SimulatedSurface& s)
     : centre_(vector(s.origin)),
-      bottom_(s.radius),
-      top_(s.shape == "cone" ? s.top_radius : s.radius),
-      height_(s.height),
       first_(radians(s.azimuth_deg[0])),
-      turn_(turn_of(s.azimuth_deg)),
+      turn_(radians(s.azimuth_deg[1] - s.azimuth_deg[0])),
       inside_(s.lit == "inside") {}
 
-SurfacePoint FrustumShape::at(double u, double v) const {
-  const double azimuth = first_ + u * turn_, slope = (top_ - bottom_) / height_;
+SurfacePoint RoundShape::at(double u, double v) const {
+  const double azimuth = first_ + u * turn_;
+  const Profile profile = this->profile(v);
+  const Eigen::Vector3d away = outward(azimuth), up = Eigen::Vector3d::UnitY();
+  const Eigen::Vector3d out = profile.out * away + profile.up * up;
   SurfacePoint p;
   p.u = u, p.v = v;
-  p.x = centre_ + radius_at(v) * outward(azimuth) + Eigen::Vector3d(0, v * height_, 0);
-  const Eigen::Vector3d out = (outward(azimuth) - Eigen::Vector3d(0, slope, 0)).normalized();
+  p.x = centre_ + profile.radius * away + profile.height * up;
   p.normal = inside_ ? Eigen::Vector3d(-out) : out;
   p.along_u = sideways(azimuth);
   return p;
+}
+
+bool RoundShape::closed() const {
+  return turn_ > 2 * std::numbers::pi * (1 - kSlack);
+}
+
+std::optional<ShapeHit> RoundShape::intersect(const Ray& ray, double t_near) const {
+  const Ray about{ray.origin - centre_, ray.direction};
+  const auto both = meets(about);
+  if (!both) return std::nullopt;
+  for (const double t : {both->first, both->second}) {
+    if (!(t > t_near)) continue;
+    const Eigen::Vector3d x = about.origin + t * about.direction;
+    const double u = arc_fraction(x, first_, turn_), v = v_of(x);
+    if (in_chart(u, v)) return ShapeHit{t, std::clamp(u, 0.0, 1.0), std::clamp(v, 0.0, 1.0)};
+  }
+  return std::nullopt;
+}
+
+FrustumShape::FrustumShape(const SimulatedSurface& s)
+    : RoundShape(s), bottom_(s.radius), top_(s.shape == "cone" ? s.top_radius : s.radius), height_(s.height) {}
+
+RoundShape::Profile FrustumShape::profile(double v) const {
+  const double slant = std::hypot(height_, top_ - bottom_);
+  return {radius_at(v), v * height_, height_ / slant, (bottom_ - top_) / slant};
 }
 
 double FrustumShape::area_element(double, double v) const {
   return radius_at(v) * turn_ * std::hypot(height_, top_ - bottom_);
 }
 
-// x^2 + z^2 = (bottom + slope y)^2 about the axis.
-std::optional<ShapeHit> FrustumShape::intersect(const Ray& ray, double t_near) const {
-  const Eigen::Vector3d o = ray.origin - centre_, &d = ray.direction;
-  const double slope = (top_ - bottom_) / height_;
-  const double r = bottom_ + slope * o.y(), dr = slope * d.y();
-  const auto both = roots(d.x() * d.x() + d.z() * d.z() - dr * dr, o.x() * d.x() + o.z() * d.z() - r * dr,
-                          o.x() * o.x() + o.z() * o.z() - r * r);
-  if (!both) return std::nullopt;
-  for (const double t : {both->first, both->second}) {
-    if (!(t > t_near)) continue;
-    const Eigen::Vector3d x = o + t * d;
-    const double u = arc_fraction(x, first_, turn_), v = x.y() / height_;
-    if (!in_chart(u, v) || radius_at(v) < 0) continue;  // the other nappe
-    return ShapeHit{t, std::clamp(u, 0.0, 1.0), std::clamp(v, 0.0, 1.0)};
-  }
-  return std::nullopt;
+// x^2 + z^2 = (bottom + slope y)^2.
+std::optional<std::pair<double, double>> FrustumShape::meets(const Ray& ray) const {
+  const Eigen::Vector3d &o = ray.origin, &d = ray.direction;
+  const double slope = (top_ - bottom_) / height_, r = bottom_ + slope * o.y(), dr = slope * d.y();
+  return roots(d.x() * d.x() + d.z() * d.z() - dr * dr, o.x() * d.x() + o.z() * d.z() - r * dr,
+               o.x() * o.x() + o.z() * o.z() - r * r);
+}
+
+double FrustumShape::v_of(const Eigen::Vector3d& x) const {
+  const double v = x.y() / height_;
+  return radius_at(v) >= 0 ? v : std::nan("");
 }
 
 bool FrustumShape::encloses(const Eigen::Vector3d& x) const {
@@ -150,43 +167,28 @@ bool FrustumShape::encloses(const Eigen::Vector3d& x) const {
   return inside_ && r >= 0 && std::hypot(o.x(), o.z()) <= r * (1 + 1e-9) + 1e-12;
 }
 
-// ---- sphere ----
-
 SphereShape::SphereShape(const SimulatedSurface& s)
-    : centre_(vector(s.origin)),
+    : RoundShape(s),
       radius_(s.radius),
-      first_(radians(s.azimuth_deg[0])),
-      turn_(turn_of(s.azimuth_deg)),
       low_(radians(s.elevation_deg[0])),
-      rise_(radians(s.elevation_deg[1] - s.elevation_deg[0])),
-      inside_(s.lit == "inside") {}
+      rise_(radians(s.elevation_deg[1] - s.elevation_deg[0])) {}
 
-SurfacePoint SphereShape::at(double u, double v) const {
-  const double azimuth = first_ + u * turn_, elevation = low_ + v * rise_;
-  const Eigen::Vector3d out = std::cos(elevation) * outward(azimuth) + Eigen::Vector3d(0, std::sin(elevation), 0);
-  SurfacePoint p;
-  p.u = u, p.v = v;
-  p.x = centre_ + radius_ * out;
-  p.normal = inside_ ? Eigen::Vector3d(-out) : out;
-  p.along_u = sideways(azimuth);
-  return p;
+RoundShape::Profile SphereShape::profile(double v) const {
+  const double cosine = std::cos(low_ + v * rise_), sine = std::sin(low_ + v * rise_);
+  return {radius_ * cosine, radius_ * sine, cosine, sine};
 }
 
 double SphereShape::area_element(double, double v) const {
   return radius_ * radius_ * std::max(0.0, std::cos(low_ + v * rise_)) * turn_ * rise_;
 }
 
-std::optional<ShapeHit> SphereShape::intersect(const Ray& ray, double t_near) const {
-  const Eigen::Vector3d o = ray.origin - centre_;
-  const auto both = roots(ray.direction.squaredNorm(), o.dot(ray.direction), o.squaredNorm() - radius_ * radius_);
-  if (!both) return std::nullopt;
-  for (const double t : {both->first, both->second}) {
-    if (!(t > t_near)) continue;
-    const Eigen::Vector3d x = (o + t * ray.direction) / radius_;
-    const double u = arc_fraction(x, first_, turn_), v = (std::asin(std::clamp(x.y(), -1.0, 1.0)) - low_) / rise_;
-    if (in_chart(u, v)) return ShapeHit{t, std::clamp(u, 0.0, 1.0), std::clamp(v, 0.0, 1.0)};
-  }
-  return std::nullopt;
+std::optional<std::pair<double, double>> SphereShape::meets(const Ray& ray) const {
+  return roots(ray.direction.squaredNorm(), ray.origin.dot(ray.direction),
+               ray.origin.squaredNorm() - radius_ * radius_);
+}
+
+double SphereShape::v_of(const Eigen::Vector3d& x) const {
+  return (std::asin(std::clamp(x.y() / radius_, -1.0, 1.0)) - low_) / rise_;
 }
 
 bool SphereShape::encloses(const Eigen::Vector3d& x) const {
@@ -229,6 +231,13 @@ SurfacePoint MeshShape::at(int face, double b1, double b2) const {
   p.u = (p.x[first_axis_] - low_[first_axis_]) / size_[first_axis_];
   p.v = (p.x[second_axis_] - low_[second_axis_]) / size_[second_axis_];
   return p;
+}
+
+std::vector<SurfacePoint> MeshShape::samples() const {
+  std::vector<SurfacePoint> points;
+  for (int f = 0; f < static_cast<int>(mesh_.faces.size()); ++f)
+    for (const auto& [b1, b2] : {std::pair{0.0, 0.0}, {1.0, 0.0}, {0.0, 1.0}}) points.push_back(at(f, b1, b2));
+  return points;
 }
 
 // Moller & Trumbore 1997.

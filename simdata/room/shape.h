@@ -4,11 +4,12 @@
 #include <Eigen/Dense>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "calib/base/result.h"
 #include "calib/file/rig.h"
-#include "calib/geometry/pose.h"
+#include "calib/geometry/screen.h"
 
 namespace countershade::simdata {
 
@@ -43,12 +44,16 @@ class Shape {
   virtual SurfacePoint at(double u, double v) const = 0;
   // dA / (du dv) [m^2]; a mesh has none (a Bug).
   virtual double area_element(double u, double v) const = 0;
+  // Whether u = 0 and u = 1 are the same line.
+  virtual bool closed() const { return false; }
   // Size of a small cell of the chart about (u, v) [m].
   virtual double diagonal(double u, double v, double du, double dv) const;
   // Nearest intersection beyond t_near, from either side.
   virtual std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const = 0;
   // No straight line between two points with this property crosses the shape between them.
   virtual bool encloses(const Eigen::Vector3d& x) const = 0;
+  // Points all over it: a grid of the chart, rims included, or the corners of each face of a mesh.
+  virtual std::vector<SurfacePoint> samples() const;
   // The point of a hit on this shape.
   virtual SurfacePoint at(const ShapeHit& hit) const { return at(hit.u, hit.v); }
 };
@@ -58,50 +63,67 @@ class RectangleShape final : public Shape {
   RectangleShape(const Eigen::Vector3d& origin, const Eigen::Vector3d& along_u, const Eigen::Vector3d& along_v);
   Form form() const override { return Form::kFlat; }
   SurfacePoint at(double u, double v) const override;
-  double area_element(double, double) const override { return area_; }
-  double diagonal(double, double, double du, double dv) const override {
-    return (du * along_u_ + dv * along_v_).norm();
-  }
+  double area_element(double u, double v) const override { return plane_.area_element(u, v); }
+  double diagonal(double u, double v, double du, double dv) const override;
   std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const override;
-  bool encloses(const Eigen::Vector3d& x) const override { return (x - origin_).dot(normal_) > -1e-9; }
+  bool encloses(const Eigen::Vector3d& x) const override { return (x - plane_.origin()).dot(normal_) > -1e-9; }
 
  private:
-  Eigen::Vector3d origin_, along_u_, along_v_, normal_, tangent_;
-  Eigen::Matrix<double, 2, 3> chart_from_world_;
-  double area_ = 0;
+  PlaneSurface plane_;
+  Eigen::Vector3d normal_, tangent_;
 };
 
-// Part of the side of a frustum about the vertical: a cylinder where both radii are equal.
-class FrustumShape final : public Shape {
+// Part of a shape that turns about the vertical through `origin`, between two azimuths.
+class RoundShape : public Shape {
  public:
-  explicit FrustumShape(const SimulatedSurface& s);
   Form form() const override { return inside_ ? Form::kHollow : Form::kBulging; }
   SurfacePoint at(double u, double v) const override;
-  double area_element(double u, double v) const override;
+  bool closed() const override;
   std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const override;
+
+ protected:
+  explicit RoundShape(const SimulatedSurface& s);
+  struct Profile {  // in the half plane of one azimuth: distance from the axis, height, and the direction outward
+    double radius, height, out, up;
+  };
+  virtual Profile profile(double v) const = 0;
+  // Where a line, in coordinates about `origin`, meets the whole shape, nearest first.
+  virtual std::optional<std::pair<double, double>> meets(const Ray& ray) const = 0;
+  // v of a point of the whole shape; NaN for one of another nappe.
+  virtual double v_of(const Eigen::Vector3d& x) const = 0;
+
+  Eigen::Vector3d centre_;
+  double first_ = 0, turn_ = 1;  // azimuths, rad
+  bool inside_ = true;
+};
+
+// Of the side of a frustum: a cylinder where both radii are equal.
+class FrustumShape final : public RoundShape {
+ public:
+  explicit FrustumShape(const SimulatedSurface& s);
+  double area_element(double u, double v) const override;
   bool encloses(const Eigen::Vector3d& x) const override;
 
  private:
   double radius_at(double v) const { return bottom_ + v * (top_ - bottom_); }
-  Eigen::Vector3d centre_;
-  double bottom_ = 1, top_ = 1, height_ = 1, first_ = 0, turn_ = 1;  // azimuths in rad
-  bool inside_ = true;
+  Profile profile(double v) const override;
+  std::optional<std::pair<double, double>> meets(const Ray& ray) const override;
+  double v_of(const Eigen::Vector3d& x) const override;
+  double bottom_ = 1, top_ = 1, height_ = 1;
 };
 
-// Part of a sphere between two azimuths and two elevations.
-class SphereShape final : public Shape {
+// Of a sphere, between two elevations.
+class SphereShape final : public RoundShape {
  public:
   explicit SphereShape(const SimulatedSurface& s);
-  Form form() const override { return inside_ ? Form::kHollow : Form::kBulging; }
-  SurfacePoint at(double u, double v) const override;
   double area_element(double u, double v) const override;
-  std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const override;
   bool encloses(const Eigen::Vector3d& x) const override;
 
  private:
-  Eigen::Vector3d centre_;
-  double radius_ = 1, first_ = 0, turn_ = 1, low_ = 0, rise_ = 1;  // rad
-  bool inside_ = true;
+  Profile profile(double v) const override;
+  std::optional<std::pair<double, double>> meets(const Ray& ray) const override;
+  double v_of(const Eigen::Vector3d& x) const override;
+  double radius_ = 1, low_ = 0, rise_ = 1;  // elevations, rad
 };
 
 // Triangles. Corners that faces of different directions share stand there once per direction. (u, v): the bounding box
@@ -123,6 +145,7 @@ class MeshShape final : public Shape {
   std::optional<ShapeHit> intersect_face(int face, const Ray& ray) const;
   std::optional<ShapeHit> intersect(const Ray& ray, double t_near) const override;
   bool encloses(const Eigen::Vector3d&) const override { return false; }
+  std::vector<SurfacePoint> samples() const override;
 
  private:
   Triangles mesh_;

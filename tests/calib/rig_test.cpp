@@ -465,7 +465,7 @@ TEST(RigError, ValuesOutOfRangeNameTheBound) {
               AllOf(StartsWith("rig.toml:3: resolution = [1280,0]"), HasSubstr("must be at least 1")));
   const std::string surface = kSmallest + "[simulation]\n[[simulation.surface]]\nid = \"s\"\n";
   EXPECT_THAT(complaint(surface + "shape = \"sphere\"\nradius = -2.0\n"),
-              AllOf(StartsWith("rig.toml:10: radius"), HasSubstr("must be more than 0")));
+              AllOf(StartsWith("rig.toml:10: radius"), HasSubstr("must be at least 0.001")));
   EXPECT_THAT(complaint(surface + "radius = 2.0\n"), HasSubstr("unknown key 'radius'"));  // of a rectangle
   EXPECT_THAT(complaint(surface + "shape = \"ball\"\n"), HasSubstr("the nearest is"));
   EXPECT_THAT(complaint(surface + "shape = \"mesh\"\n"), HasSubstr("has no 'mesh'"));
@@ -491,7 +491,7 @@ TEST(RigError, ValuesOutOfRangeNameTheBound) {
                                          {"flare = 1.1", "at most 1"},
                                          {"native_resolution = [-1, 3]", "at least 0"},
                                          {"warm_up = 1", "at most 0.99"},
-                                         {"warm_up_s = 0", "more than 0"},
+                                         {"warm_up_s = 0", "at least 1e-06"},
                                          {"colour_wheel_hz = -1", "at least 0"},
                                          {"pwm_hz = -1", "at least 0"},
                                          {"refresh_hz = 0", "at least 1"},
@@ -562,6 +562,45 @@ TEST(EditDistance, CountsInsertionsRemovalsAndReplacements) {
   EXPECT_EQ(edit_distance("abc", ""), 3);
   EXPECT_EQ(edit_distance("resoltion", "resolution"), 1);
   EXPECT_EQ(nearest("gama", {"gain", "gamma", "seed"}), "gamma");
+}
+
+// What a program puts together is held to the bounds of a file.
+TEST(CheckValues, NamesTableSettingValueAndBound) {
+  EXPECT_TRUE(check_values(full_simulation()));
+  const auto complaint = [](auto change) {
+    Simulation s = full_simulation();
+    change(s);
+    const auto checked = check_values(s);
+    return checked ? std::string() : checked.error().message;
+  };
+  EXPECT_EQ(complaint([](Simulation& s) { s.cameras[0].veiling_glare = 1.5; }),
+            "[[simulation.camera]] 'cam-a': veiling_glare = 1.5 must be at least 0 and at most 1 (share of the photo's "
+            "mean light that lies over it)");
+  EXPECT_THAT(complaint([](Simulation& s) { s.cameras[0].bayer = "XYZW"; }),
+              AllOf(HasSubstr("bayer = \"XYZW\""), HasSubstr("use one of: none, RGGB")));
+  EXPECT_THAT(complaint([](Simulation& s) { s.cameras[0].channels = 1, s.cameras[0].bayer = "RGGB"; }),
+              HasSubstr("needs channels = 3, not 1"));
+  EXPECT_THAT(complaint([](Simulation& s) {
+                s.projectors[0].response_g = {0, .6, .5};
+              }),
+              AllOf(HasSubstr("'left'"), HasSubstr("response_g falls from 0.6 to 0.5 at its value 3")));
+  EXPECT_THAT(complaint([](Simulation& s) { s.projectors[0].response_g = {.5}; }), HasSubstr("at least 2"));
+  EXPECT_THAT(complaint([](Simulation& s) { s.projectors[0].response_g = std::vector<double>(5000, .5); }),
+              HasSubstr("4096 are the most"));
+  EXPECT_THAT(complaint([](Simulation& s) {
+                s.projectors[0].native_resolution = {0, 300};
+              }),
+              HasSubstr("native_resolution = [0, 300]"));
+  EXPECT_THAT(complaint([](Simulation& s) { s.projectors[0].refresh_hz = 0; }),
+              HasSubstr("refresh_hz = 0.0 must be at least 1 and at most 1000"));
+  EXPECT_THAT(complaint([](Simulation& s) { s.projectors[0].position[1] = std::nan(""); }),
+              HasSubstr("must be finite"));
+  EXPECT_THAT(complaint([](Simulation& s) {
+                s.surfaces[3].elevation_deg = {0, 150};
+              }),
+              AllOf(HasSubstr("[[simulation.surface]] 'sphere'"), HasSubstr("at most 90")));
+  EXPECT_THAT(complaint([](Simulation& s) { s.surfaces[0].albedo[2] = 1.2; }), HasSubstr("at most 1"));
+  EXPECT_THAT(complaint([](Simulation& s) { s.samples = 0; }), HasSubstr("at least 16"));
 }
 
 }  // namespace

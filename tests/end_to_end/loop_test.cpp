@@ -179,8 +179,9 @@ INSTANTIATE_TEST_SUITE_P(
                  "[[camera]]\nid = \"c\"\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\n[[simulation.surface]]\n"
                  "id = \"wall\"\nalong_u = [0, 2, 0]\n",
                  "simulate @/rig.toml -o @/out", "span no area"},
-        BadInput{"NoSamples", kRoom, "simulate @/rig.toml --samples 0 -o @/out", "16 to 65536"},
-        BadInput{"NegativeSamples", kRoom, "simulate @/rig.toml --samples -3 -o @/out", "16 to 65536"},
+        BadInput{"NoSamples", kRoom, "simulate @/rig.toml --samples 0 -o @/out", "at least 16 and at most 65536"},
+        BadInput{"NegativeSamples", kRoom, "simulate @/rig.toml --samples -3 -o @/out",
+                 "at least 16 and at most 65536"},
         BadInput{"UnknownFault", kRoom, "simulate @/rig.toml --faults stale-frames -o @/out", "'stale-frame'"},
         BadInput{"FaultOutOfRange", kRoom, "simulate @/rig.toml --faults glare=7 -o @/out", "0.0001 to 1"},
         BadInput{"FaultTwice", kRoom, "simulate @/rig.toml --faults dust,dust -o @/out", "twice"},

@@ -120,7 +120,10 @@ TEST(Faults, MovedCameraIsPosedAgain) {
   const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
   const Image before = simulator->total_light(0, pictures);
   for (const Pose& move : {turned, pushed}) {
-    const Image after = simulator->total_light(simulator->moved_camera(0, move), pictures);
+    using Share = simdata::Simulator::PictureShare;
+    std::vector<std::vector<Share>> shown;
+    for (const Picture& p : pictures) shown.push_back({{&p, simdata::Light4::Ones()}});
+    const Image after = simulator->mixed_light(0, shown, simulator->moved_view(0, move).get());
     const simdata::TrueGeometry g = simulator->geometry(0);
     double wrong = 0, unmoved = 0, total = 0;
     for (int y = 20; y < 130; y += 3)

@@ -196,7 +196,7 @@ TEST(PatchTruth, RowsOfAClosedRoomSumToOneAndItsSigmasAreTrue) {
   simdata::RigAndRoom room = simdata::smaller(*simdata::default_room("closed-room"), 8, 8, 64);
   SilentProgress quiet;
   const auto simulator = test::simulate(room);
-  const simdata::PatchTruth t = simdata::patch_truth(*simulator, 2, 3, 2500, quiet);
+  const simdata::PatchTruth t = simulator->patch_truth(2, 3, 2500, quiet);
   const int n = static_cast<int>(t.area.size());
   ASSERT_EQ(n, 36);
   EXPECT_NEAR(t.area.sum(), 2 * (4.2 * 2.6 + 5.1 * 2.6 + 4.2 * 5.1), 1e-9);
@@ -219,6 +219,128 @@ TEST(PatchTruth, RowsOfAClosedRoomSumToOneAndItsSigmasAreTrue) {
         Eigen::MatrixXd::Identity(n, n) - Eigen::MatrixXd(t.albedo.col(c).asDiagonal()) * t.form_factor.cast<double>();
     EXPECT_LT((t.transport[c].cast<double>() * system - Eigen::MatrixXd::Identity(n, n)).cwiseAbs().maxCoeff(), 1e-4);
     for (int s = 0; s < 6; ++s) EXPECT_NEAR(t.albedo(6 * s, c), room.simulation.surfaces[s].albedo[c], 1e-6) << s;
+  }
+}
+
+// A lone wall does not hide what stands behind it, also at grazing angles.
+TEST(Visibility, WallDoesNotHideItsOwnBack) {
+  Simulation room;
+  room.surfaces.resize(1);
+  room.surfaces[0].id = "s", room.surfaces[0].along_u = {1.2, .3, -.4}, room.surfaces[0].along_v = {-.2, 1.7, .5};
+  const auto scene = *simdata::Scene::make(*simdata::make_shapes(room), {1});
+  for (double cosine : {.002, .05, .3, .9})
+    for (double u : {.13, .52, .9}) {
+      const auto p = scene->point(0, u, .37);
+      const Eigen::Vector3d to = p.x - 3 * cosine * p.normal + 3 * std::sqrt(1 - cosine * cosine) * p.along_u;
+      EXPECT_TRUE(scene->visible(p, to, -1, true)) << cosine << " " << u;
+    }
+}
+
+// Direct light of pixels of the left wall, over albedo and what `reflected` says: the same everywhere.
+template <class Reflected>
+void expect_even(const simdata::RigAndRoom& room, std::span<const Picture> pictures, Reflected reflected) {
+  const auto simulator = test::simulate(room);
+  const simdata::TrueGeometry g = simulator->geometry(0);
+  const Image direct = simulator->light(0, pictures).direct;
+  const auto scene = *simdata::Scene::make(*simdata::make_shapes(room.simulation), {9, 9});
+  const Device camera = *simdata::true_camera(room.simulation, "camera");
+  double first = 0;
+  int checked = 0;
+  for (int y = 40; y < 110; y += 8)
+    for (int x = 14; x < 112; x += 9) {
+      if (!test::inside_wall(g, x, y) || g.surface.at(x, y) != 0) continue;
+      const auto at = scene->point(0, g.u.at(x, y), g.v.at(x, y));
+      const double expected = reflected(*scene, at, -camera.ray({1. * x, 1. * y}).direction.normalized());
+      if (!(expected > 0)) continue;
+      const double ratio = direct.at(x, y, 1) / g.albedo.at(x, y, 1) / expected;
+      if (first == 0) first = ratio;
+      EXPECT_NEAR(ratio / first, 1, .01) << x << " " << y;  // a pixel's mean against its centre
+      ++checked;
+    }
+  EXPECT_GT(checked, 30);
+}
+
+TEST(Daylight, LeavesAsTheScreenDirectsIt) {
+  auto room = test::small_room();
+  SimulatedSurface& wall = room.simulation.surfaces[0];
+  wall.directing = 6, wall.directing_tilt_deg = {-12, 5};
+  wall.daylight = 1, wall.daylight_from = {0, 0}, wall.daylight_to = {1, 1};
+  for (SimulatedProjector& p : room.simulation.projectors) p.black_level = 0;
+  const simdata::Paint paint(room.simulation);
+  expect_even(room, std::vector<Picture>(2),
+              [&](const simdata::Scene&, const simdata::SurfacePoint& at, const Eigen::Vector3d& out) {
+                return paint.evenly_lit(at, out);
+              });
+}
+
+// Light through a screen leaves diffusely: gloss, a matter of its front, sees it as light from everywhere.
+TEST(RearProjection, LeavesAsIfItCameFromEverywhere) {
+  auto room = simdata::smaller(*simdata::default_room("rear"), 8, 8, 64);
+  room.simulation.block_px = 8;
+  SimulatedSurface& wall = room.simulation.surfaces[0];
+  wall.gloss = .5, wall.roughness = .3;
+  for (SimulatedProjector& p : room.simulation.projectors) p.black_level = 0;
+  const simdata::Paint paint(room.simulation);
+  const Device device = *simdata::true_projector(room.simulation, room.rig, "left");
+  const simdata::Emitter emitter(room.simulation.projectors[0], device, 8);
+  expect_even(room, std::vector<Picture>{test::flat(1), {}},
+              [&](const simdata::Scene& scene, const simdata::SurfacePoint& at, const Eigen::Vector3d& out) {
+                const auto beam = emitter.beam(scene, at, -3);
+                return beam ? beam->irradiance * paint.evenly_lit(at, out) : 0;
+              });
+}
+
+// Much gloss, little albedo: one reflection, whose lobe the fast path must follow exactly.
+TEST(Gloss, FirstReflectionIsThatOfPathTracing) {
+  auto room = simdata::smaller(*simdata::default_room("glossy"), 8, 8, 256);
+  room.simulation.block_px = 4;
+  for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = {.04, .05, .03};
+  room.simulation.surfaces[0].gloss = .6, room.simulation.surfaces[0].roughness = .25;
+  room.simulation.surfaces[1].gloss = .5, room.simulation.surfaces[1].roughness = .35;
+  const auto simulator = test::simulate(room);
+  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
+  const simdata::TrueGeometry g = simulator->geometry(0);
+  std::vector<Eigen::Vector2d> pixels;
+  for (int y = 30; y < 120; y += 9)
+    for (int x = 12; x < 230; x += 11)
+      if (test::inside_wall(g, x, y)) pixels.emplace_back(x, y);
+  ASSERT_GT(pixels.size(), 60u);
+  const Image fast = simulator->light(0, pictures).indirect;
+  const auto traced = simulator->trace_indirect(0, pictures, pixels, 20000);
+  double deviation = 0, sum = 0, variance = 0;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const double value = fast.at(static_cast<int>(pixels[i].x()), static_cast<int>(pixels[i].y()), 1);
+    deviation += value - traced.mean[3 * i + 1], sum += traced.mean[3 * i + 1];
+    variance += std::pow(traced.standard_error[3 * i + 1], 2);
+  }
+  EXPECT_LT(std::abs(deviation), 4 * std::sqrt(variance) + .01 * sum);  // second reflections, a draft's interpolation
+}
+
+// Where a full cylinder's chart is cut makes no difference.
+TEST(Seam, OfAColumnIsNotSeen) {
+  Image first;
+  for (const std::array<double, 2> cut : {std::array{-180., 180.}, {-93., 267.}}) {
+    auto room = simdata::smaller(*simdata::default_room("column"), 8, 8, 256);
+    room.simulation.block_px = 4;
+    SimulatedSurface& column = room.simulation.surfaces[2];
+    column.azimuth_deg = cut, column.radius = .25;
+    // Seen by the camera is the side towards +z, azimuth 180: the first cut's seam is in its middle.
+    const auto simulator = test::simulate(room);
+    const Image light = simulator->light(0, std::vector<Picture>{test::flat(1), test::flat(.2)}).indirect;
+    if (first.empty()) {
+      first = light;
+      continue;
+    }
+    const simdata::TrueGeometry g = simulator->geometry(0);
+    int checked = 0;
+    for (int y = 1; y < 149; ++y)
+      for (int x = 1; x < 239; ++x)
+        if (test::inside_wall(g, x, y) && g.surface.at(x, y) == 2) {
+          // 19 receivers about the column: linear between them, with other places.
+          EXPECT_NEAR(light.at(x, y, 1), first.at(x, y, 1), .08 * first.at(x, y, 1) + .0015) << x << " " << y;
+          ++checked;
+        }
+    EXPECT_GT(checked, 100);
   }
 }
 

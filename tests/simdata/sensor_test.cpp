@@ -12,7 +12,7 @@ extern "C" {
 #include <set>
 
 #include "calib/base/random.h"
-#include "simdata/device/device_check.h"
+#include "simdata/device/device_lens.h"
 #include "tests/simdata/small_room.h"
 #include "tests/support/cli.h"
 
@@ -209,29 +209,6 @@ TEST(ProjectorLens, FoldInsideThePictureIsRefused) {
   ASSERT_FALSE(lens);
   for (const char* part : {"'left'", "distortion = [-3", "folds", "smaller"})
     EXPECT_NE(lens.error().message.find(part), std::string::npos) << lens.error().message;
-}
-
-TEST(CheckDevice, NamesDeviceSettingValueAndBound) {
-  SimulatedCamera c;
-  c.id = "cam", c.veiling_glare = 1.5;
-  EXPECT_EQ(check_device(c).error().message, "[simulation] camera 'cam' veiling_glare = 1.5 is outside 0 to 1");
-  c.veiling_glare = 0, c.bayer = "XYZW";
-  EXPECT_NE(check_device(c).error().message.find("bayer = 'XYZW' is not known; use one of none, RGGB"),
-            std::string::npos);
-  c.bayer = "RGGB", c.channels = 1;
-  EXPECT_NE(check_device(c).error().message.find("needs channels = 3, not 1"), std::string::npos);
-  SimulatedProjector p;
-  p.id = "left", p.response_g = {0, .6, .5};
-  EXPECT_NE(check_device(p).error().message.find("'left' response_g falls from 0.6 to 0.5 at its value 3"),
-            std::string::npos);
-  p.response_g = {.5};
-  EXPECT_NE(check_device(p).error().message.find("give at least 2"), std::string::npos);
-  p.response_g = {}, p.native_resolution = {0, 300};
-  EXPECT_NE(check_device(p).error().message.find("native_resolution = [0, 300]"), std::string::npos);
-  p.native_resolution = {0, 0}, p.refresh_hz = 0;
-  EXPECT_NE(check_device(p).error().message.find("refresh_hz = 0 is outside 1 to 1000"), std::string::npos);
-  EXPECT_TRUE(check_device(SimulatedCamera()));
-  EXPECT_TRUE(check_device(SimulatedProjector()));
 }
 
 }  // namespace

@@ -165,7 +165,7 @@ Result<void> form_factors_by_rays(const std::string& kind, int seed, Findings& f
   SilentProgress quiet;
   CS_TRY(const auto simulator, simdata::Simulator::make(room.rig, room.simulation, quiet));
   constexpr int kNu = 4, kNv = 3;
-  const simdata::PatchTruth truth = simdata::patch_truth(*simulator, kNu, kNv, 40000, quiet);
+  const simdata::PatchTruth truth = simulator->patch_truth(kNu, kNv, 40000, quiet);
   const Patches patches(std::vector<std::pair<int, int>>(simulator->screen().size(), {kNu, kNv}));
   const auto F = solver::form_factors(simulator->screen(), patches, solver::FormFactorMethod::kExact, quiet);
   Random random(seed_of(seed) ^ hash_name(kind) ^ hash_name("form factors"));

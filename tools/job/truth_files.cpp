@@ -55,7 +55,7 @@ Array array_of(const Matrix& m) {
 Result<void> write_patches(const simdata::Simulator& simulator, const fs::path& folder, const TruthOptions& options,
                            Progress& progress) {
   const simdata::PatchTruth truth =
-      simdata::patch_truth(simulator, options.patches[0], options.patches[1], options.rays, progress);
+      simulator.patch_truth(options.patches[0], options.patches[1], options.rays, progress);
   std::error_code ignored;
   fs::create_directories(folder, ignored);
   CS_TRY_VOID(write_npy(folder / "form_factor.npy", array_of(truth.form_factor), ArrayType::kFloat32));

@@ -1,4 +1,4 @@
-// Whether the devices of a simulation are ones that can be made, and their lenses.
+// The lenses of simulated devices.
 #pragma once
 
 #include "calib/file/rig.h"
@@ -12,9 +12,5 @@ Result<Lens> camera_lens(const SimulatedCamera& camera);
 // The lens of a projector of width x height pixels: Brown-Conrady about the shifted axis. Errors: kBadValue for a
 // distortion that folds inside the picture.
 Result<Lens> projector_lens(const SimulatedProjector& projector, int width, int height);
-
-// Errors: kBadValue, naming the device, the setting, its value and the bound.
-Result<void> check_device(const SimulatedCamera& camera);
-Result<void> check_device(const SimulatedProjector& projector);
 
 }  // namespace countershade::simdata
