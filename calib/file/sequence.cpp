@@ -22,6 +22,7 @@ const std::map<std::string, std::vector<std::string>>& keys_of_kinds() {
       {"white", {}},
       {"black", {}},
       {"gray", {"axis!", "bit!", "inverse", "cell_px"}},
+      {"xor", {"axis!", "bit!", "base!", "inverse", "cell_px"}},
       {"phase", {"axis!", "period_px!", "step", "steps", "shift_rad", "shown_exponent"}},
       {"blocks", {"channel", "cell_px", "inverse", "seed"}},
       {"primary", {"channel"}},
@@ -31,14 +32,15 @@ const std::map<std::string, std::vector<std::string>>& keys_of_kinds() {
   return kKeys;
 }
 
-const std::vector<std::string> kEveryKey = {"axis",      "bit",  "inverse", "cell_px",   "channel",       "seed",
-                                            "period_px", "step", "steps",   "shift_rad", "shown_exponent"};
+const std::vector<std::string> kEveryKey = {"axis", "bit",       "base", "inverse", "cell_px",   "channel",
+                                            "seed", "period_px", "step", "steps",   "shift_rad", "shown_exponent"};
 
 // ---- to JSON ----
 
 json value_of(const Role& r, const std::string& key) {
   if (key == "axis") return r.axis;
   if (key == "bit") return r.bit;
+  if (key == "base") return r.base;
   if (key == "inverse") return r.inverse;
   if (key == "cell_px") return r.cell_px;
   if (key == "channel") return r.channel;
@@ -53,7 +55,7 @@ json value_of(const Role& r, const std::string& key) {
 
 // Keys of a foreign description that are left out while they say nothing.
 bool is_optional(const std::string& kind, const std::string& key) {
-  return key == "shift_rad" || key == "shown_exponent" || (kind == "gray" && key == "cell_px");
+  return key == "shift_rad" || key == "shown_exponent" || ((kind == "gray" || kind == "xor") && key == "cell_px");
 }
 
 json json_of(const Role& r) {
@@ -101,8 +103,8 @@ Wrong read_values(const json& j, Role& r) {
   if (Wrong wrong = read_string(j, "projector", r.projector)) return wrong;
   if (Wrong wrong = read_string(j, "axis", r.axis)) return wrong;
   if (Wrong wrong = read_string(j, "channel", r.channel)) return wrong;
-  for (const auto& [key, out] : {std::pair("bit", &r.bit), std::pair("cell_px", &r.cell_px), std::pair("seed", &r.seed),
-                                 std::pair("step", &r.step), std::pair("steps", &r.steps)})
+  for (const auto& [key, out] : {std::pair("bit", &r.bit), std::pair("base", &r.base), std::pair("cell_px", &r.cell_px),
+                                 std::pair("seed", &r.seed), std::pair("step", &r.step), std::pair("steps", &r.steps)})
     if (Wrong wrong = read_whole(j, key, *out)) return wrong;
   if (Wrong wrong = read_real(j, "period_px", r.period_px)) return wrong;
   if (Wrong wrong = read_real(j, "shown_exponent", r.shown_exponent)) return wrong;
@@ -134,9 +136,12 @@ Wrong check_keys(const json& j, const std::vector<std::string>& keys) {
 }
 
 Wrong check_values(const Role& r) {
-  const bool has_axis = r.kind == "gray" || r.kind == "phase" || r.kind == "mask";
+  const bool has_axis = r.kind == "gray" || r.kind == "xor" || r.kind == "phase" || r.kind == "mask";
   if (has_axis && r.axis != "x" && r.axis != "y") return fmt::format("axis is '{}', must be x or y", r.axis);
-  if (r.kind == "gray" && (r.bit < 0 || r.bit > 30)) return fmt::format("bit is {}, must be 0 to 30", r.bit);
+  const bool has_bit = r.kind == "gray" || r.kind == "xor";
+  if (has_bit && (r.bit < 0 || r.bit > 30)) return fmt::format("bit is {}, must be 0 to 30", r.bit);
+  if (r.kind == "xor" && (r.base < 0 || r.base > 30 || r.base == r.bit))
+    return fmt::format("base is {}, must be another bit, 0 to 30", r.base);
   if (r.cell_px < 1) return fmt::format("cell_px is {}, must be 1 or more", r.cell_px);
   if ((r.kind == "blocks" || r.kind == "primary") && r.channel != "r" && r.channel != "g" && r.channel != "b" &&
       r.channel != "rgb")
@@ -204,8 +209,8 @@ Wrong read_frames(const json& j, Sequence& sequence) {
 
 std::string Role::name() const {
   std::string text = kind;
-  if (kind == "gray" || kind == "phase" || kind == "mask") text += " " + axis;
-  if (kind == "gray") text += fmt::format(" bit {}", bit);
+  if (kind == "gray" || kind == "xor" || kind == "phase" || kind == "mask") text += " " + axis;
+  if (kind == "gray" || kind == "xor") text += fmt::format(" bit {}", bit);
   if (kind == "blocks" || kind == "primary") text += " " + channel;
   if (kind == "phase" || kind == "mask") text += fmt::format(" step {}", step);
   if (kind == "phase") text += fmt::format(" of {}, period {} px", steps, period_px);

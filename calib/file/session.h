@@ -22,16 +22,16 @@ namespace countershade {
 // What a frame is. Only the fields of its kind are used:
 //   white, black            every pixel at full / zero
 //   gray                    axis x|y, bit (0 = least significant), inverse, cell_px (pixels per code cell, default 1)
-//   phase                   axis, period_px, step, steps, shift_rad, shown_exponent
-//   blocks                  channel r|g|b|rgb, cell_px, inverse, seed: pseudo-random blocks of cells, primary `channel`
-//   primary                 channel r|g|b|rgb at full
-//   held-out                seed: a photo-like picture no fit has seen
-//   mask                    axis, cell_px, step: stripes of cell_px pixels shifted by step * cell_px / 2, of verify
+//   xor                     a Gray bit in exclusive or with bit `base` of the same code: axis, bit, base, inverse,
+//   cell_px phase                   axis, period_px, step, steps, shift_rad, shown_exponent blocks channel r|g|b|rgb,
+//   cell_px, inverse, seed: pseudo-random blocks of cells, primary `channel` primary                 channel r|g|b|rgb
+//   at full held-out                seed: a photo-like picture no fit has seen mask                    axis, cell_px,
+//   step: stripes of cell_px pixels shifted by step * cell_px / 2, of verify
 struct Role {
   std::string kind;
   std::string projector;  // lit projector; empty = all
   std::string axis = "x";
-  int bit = 0;
+  int bit = 0, base = 0;
   bool inverse = false;
   int cell_px = 1;
   std::string channel = "rgb";

@@ -9,8 +9,8 @@ namespace countershade::capture {
 
 const std::map<int, std::string>& reason_names() {
   static const std::map<int, std::string> kNames = {
-      {0, "accepted"},     {1, "dark"},     {2, "saturated"}, {3, "uncertain bit"},
-      {4, "inconsistent"}, {5, "isolated"}, {6, "no code"},   {7, "lit indirectly only"}};
+      {0, "accepted"}, {1, "dark"},    {2, "saturated"},           {3, "uncertain bit"},     {4, "inconsistent"},
+      {5, "isolated"}, {6, "no code"}, {7, "lit indirectly only"}, {8, "phase inconsistent"}};
   return kNames;
 }
 
@@ -26,8 +26,8 @@ Result<void> write_correspondence(const std::filesystem::path& folder, const Cor
 
 Result<void> write_reason_picture(const std::filesystem::path& path, const Correspondence& c) {
   // Dark is black, indirect light dark grey; what should have decoded and did not is loud.
-  static constexpr float kColours[8][3] = {{0, 0, 0},    {0, 0, 0},     {255, 255, 255}, {255, 150, 0},
-                                           {255, 0, 60}, {255, 0, 255}, {120, 80, 40},   {45, 45, 50}};
+  static constexpr float kColours[9][3] = {{0, 0, 0},     {0, 0, 0},     {255, 255, 255}, {255, 150, 0}, {255, 0, 60},
+                                           {255, 0, 255}, {120, 80, 40}, {45, 45, 50},    {0, 200, 255}};
   Image picture(c.reason.width(), c.reason.height(), 3);
   for (std::size_t i = 0; i < picture.pixels(); ++i) {
     const int reason = c.reason.data()[i];

@@ -9,6 +9,8 @@
 #include "calib/base/parallel.h"
 #include "capture/pattern/levels.h"
 #include "capture/pattern/pattern.h"
+#include "capture/pattern/phase.h"
+#include "capture/pattern/plan.h"
 #include "capture/pattern/refine.h"
 
 namespace countershade::capture {
@@ -55,11 +57,11 @@ struct BitReader {
   const Mask& skip;
   std::vector<float>& fine;
 
-  // One row of one bit. A direct share d makes +-d of the difference, light by way of other surfaces up to +-(1 - d): a
-  // coarse bit is certain only beyond what the latter can do against the former, 1 - 2 d (Xu & Aliaga 2007, robust
-  // pixel classification; their bounds for on and off, written for the difference). As the strongest of several
-  // modulations, `fine` is a few percent more than d.
-  void row(int y, int bit, const Image& plain, const Image& inverse, AxisReading& reading) const {
+  // One row of one bit; `is_fine`: its stripes are too narrow to modulate indirect light. A direct share d makes +-d of
+  // the difference, light by way of other surfaces up to +-(1 - d): a coarse bit is certain only beyond what the latter
+  // can do against the former, 1 - 2 d (Xu & Aliaga 2007, robust pixel classification; their bounds for on and off,
+  // written for the difference). As the strongest of several modulations, `fine` is a few percent more than d.
+  void row(int y, int bit, bool is_fine, const Image& plain, const Image& inverse, AxisReading& reading) const {
     const std::size_t start = static_cast<std::size_t>(y) * plain.width();
     for (int x = 0; x < plain.width(); ++x) {
       const std::size_t i = start + x;
@@ -69,7 +71,7 @@ struct BitReader {
       const NoiseModel& noise = levels.noise;
       const double sigma = std::sqrt(2 * noise.read * noise.read + noise.photon * std::max(0.0f, a + b));
       double least = std::max(options.min_snr * sigma, options.min_modulation * range);
-      if (bit < kFineBits)
+      if (is_fine)
         fine[i] = std::max(fine[i], size / range);
       else
         least = std::max(least, (1.0 - 1.8 * fine[i]) * range + options.min_snr * sigma);
@@ -100,14 +102,29 @@ Result<std::array<Image, 2>> read_pair(const BitFrames& frames, const PhotoSourc
   return light;
 }
 
+// Bits that were shown in exclusive or with another become those of the Gray code; where that one is in doubt, so are
+// they.
+void take_off_base(const AxisCode& code, AxisReading& reading) {
+  std::uint32_t combined = 0;
+  for (std::size_t b = 0; b < code.bits.size(); ++b)
+    if (code.bits[b].base >= 0) combined |= 1u << b, reading.base = code.bits[b].base;
+  if (!combined) return;
+  for (std::size_t i = 0; i < reading.code.size(); ++i) {
+    if ((reading.code[i] >> reading.base) & 1) reading.code[i] ^= combined;
+    if ((reading.uncertain[i] >> reading.base) & 1) reading.uncertain[i] |= combined;
+  }
+}
+
 Result<void> read_bits(const AxisCode& code, const PhotoSource& photos, const BitReader& reader,
                        const std::function<void()>& tick, AxisReading& reading) {
-  for (std::size_t bit = 0; bit < code.bits.size(); ++bit) {
-    CS_TRY(const auto light, read_pair(code.bits[bit], photos, reader.skip));
-    parallel_for(reader.skip.height(),
-                 [&](int y) { reader.row(y, static_cast<int>(bit), light[0], light[1], reading); });
+  for (std::size_t b = 0; b < code.bits.size(); ++b) {
+    CS_TRY(const auto light, read_pair(code.bits[b], photos, reader.skip));
+    const int bit = static_cast<int>(b);
+    const bool is_fine = bit < kFineBits || code.bits[b].base >= 0;
+    parallel_for(reader.skip.height(), [&](int y) { reader.row(y, bit, is_fine, light[0], light[1], reading); });
     tick();
   }
+  take_off_base(code, reading);
   return {};
 }
 
@@ -197,44 +214,134 @@ Error nothing_decoded(const Correspondence& c, const Levels& levels) {
 
 }  // namespace
 
-Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
-                                     const std::string& projector, const DecodeOptions& options, Progress& progress) {
-  CS_TRY(const CodePlan plan, plan_code(sequence, projector));
-  const std::string stage = "decode " + projector;
-  const double total = 1.0 + static_cast<double>(plan.axis[0].bits.size() + plan.axis[1].bits.size());
-  double done = 0;
-  progress.step(stage, 0, total);
-  CS_TRY(const Levels levels, measure_levels(plan, photos));
-  progress.step(stage, ++done, total);
+namespace {
 
-  Mask judged = judge_levels(levels, options);
+// Everything decode_frames knows while it reads.
+struct Decoder {
+  const CodePlan& plan;
+  const PhotoSource& photos;
+  const DecodeOptions& options;
+  std::function<void()> tick;
+  Levels levels;  // of the bits; of the sinusoids, where there are no bits
+  Mask judged;    // Reason of pixels that no code is read from
+  AxisReading readings[2];
+
+  Result<void> read_all_bits();
+  Result<void> read_waves(int axis);
+};
+
+Result<void> Decoder::read_all_bits() {
+  CS_TRY(levels, measure_levels(plan, photos));
+  tick();
+  judged = judge_levels(levels, options);
   std::vector<float> fine(judged.data().size(), 0.0f);
   const BitReader reader{levels, options, judged, fine};
-  AxisReading readings[2];
-  const AxisReading* axes[2] = {nullptr, nullptr};
   for (int a = 0; a < 2; ++a) {
-    if (!plan.axis[a].exists()) continue;
-    axes[a] = &readings[a];
+    if (plan.axis[a].bits.empty()) continue;
     readings[a] = new_reading(plan.axis[a], levels, judged);
-    const auto tick = [&] { progress.step(stage, ++done, total); };
     CS_TRY_VOID(read_bits(plan.axis[a], photos, reader, tick, readings[a]));
   }
   for (std::size_t i = 0; i < fine.size(); ++i)
     if (!judged.data()[i] && fine[i] < options.fine_modulation)
       judged.data()[i] = static_cast<std::uint8_t>(Reason::kIndirect);
   for (int a = 0; a < 2; ++a) {
-    if (!axes[a]) continue;
+    if (plan.axis[a].bits.empty()) continue;
     readings[a].reason = judged;
     read_coordinates(readings[a]);
     refine_by_neighbours(readings[a]);
   }
+  return {};
+}
+
+// Photos of all sinusoids of an axis, two at a time.
+Result<WavePhotos> load_waves(const AxisCode& code, const PhotoSource& photos, const std::function<void()>& tick) {
+  WavePhotos loaded;
+  loaded.light.resize(code.waves.size());
+  std::vector<std::optional<Error>> failed(code.waves.size());
+  std::vector<Mask> valid(code.waves.size());
+  const int count = static_cast<int>(code.waves.size());
+  for (int first = 0; first < count; first += 2) {
+    parallel_for(std::min(2, count - first), [&](int k) {
+      const Result<Photo> photo = photos(code.waves[first + k].index);
+      if (!photo) {
+        failed[first + k] = photo.error();
+        return;
+      }
+      loaded.light[first + k] = luminance_mean(photo->value);
+      valid[first + k] = photo->valid;
+    });
+    tick();
+  }
+  for (int k = 0; k < count; ++k) {
+    if (failed[k]) return *failed[k];
+    const Image &light = loaded.light[k], &other = loaded.light[0];
+    if (!light.same_size(other.width(), other.height()))
+      return error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", code.waves[k].index,
+                   light.width(), light.height(), other.width(), other.height());
+    if (k == 0) loaded.skip = Mask(light.width(), light.height(), 1);
+    for (std::size_t i = 0; i < loaded.skip.data().size(); ++i) loaded.skip.data()[i] |= !valid[k].data()[i];
+  }
+  return loaded;
+}
+
+Result<void> Decoder::read_waves(int axis) {
+  const AxisCode& code = plan.axis[axis];
+  CS_TRY(const WavePhotos waves, load_waves(code, photos, tick));
+  const bool alone = judged.empty() || code.bits.empty();
+  if (judged.empty()) judged = Mask(waves.skip.width(), waves.skip.height(), 1);
+  for (std::size_t i = 0; i < judged.data().size(); ++i)
+    if (waves.skip.data()[i] && !judged.data()[i]) judged.data()[i] = static_cast<std::uint8_t>(Reason::kSaturated);
+  if (levels.white.empty()) {
+    levels.white = levels.black = waves.light[0];
+    for (const Image& light : waves.light)
+      for (std::size_t i = 0; i < light.data().size(); ++i) {
+        levels.white.data()[i] = std::max(levels.white.data()[i], light.data()[i]);
+        levels.black.data()[i] = std::min(levels.black.data()[i], light.data()[i]);
+      }
+  }
+  const Image* coarse = alone ? nullptr : &readings[axis].q;
+  const WaveModel model = fit_wave_model(code, waves, coarse, levels.noise);
+  PhaseReading read = read_phase(code, waves, model, coarse, options);
+  check_by_neighbours(read.reading, read.other);
+  AxisReading& result = readings[axis];
+  if (alone) {
+    result = std::move(read.reading);
+    return {};
+  }
+  for (std::size_t i = 0; i < judged.data().size(); ++i)  // where sinusoids say nothing, the Gray code does
+    if (!result.reason.data()[i] && !read.reading.reason.data()[i]) {
+      result.q.data()[i] = read.reading.q.data()[i];
+      result.sigma.data()[i] = read.reading.sigma.data()[i];
+    }
+  return {};
+}
+
+}  // namespace
+
+Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
+                                     const std::string& projector, const DecodeOptions& options, Progress& progress) {
+  CS_TRY(const CodePlan plan, plan_code(sequence, projector));
+  const std::string stage = "decode " + projector;
+  const bool has_bits = !plan.axis[0].bits.empty() || !plan.axis[1].bits.empty();
+  double total = has_bits, done = 0;
+  for (const AxisCode& code : plan.axis)
+    total += static_cast<double>(code.bits.size()) + static_cast<double>((code.waves.size() + 1) / 2);
+  progress.step(stage, 0, total);
+  Decoder decoder{plan, photos, options, [&] { progress.step(stage, ++done, total); }, {}, {}, {}};
+  if (has_bits) CS_TRY_VOID(decoder.read_all_bits());
+  for (int a = 0; a < 2; ++a)
+    if (!plan.axis[a].waves.empty()) CS_TRY_VOID(decoder.read_waves(a));
 
   Correspondence c;
   c.camera = camera, c.projector = projector;
   c.projector_resolution = {plan.axis[0].length_px, plan.axis[1].length_px};
+  const Mask& judged = decoder.judged;
   c.x = c.y = c.sigma = Image(judged.width(), judged.height(), 1, kNaN);
+  const AxisReading* axes[2] = {nullptr, nullptr};
+  for (int a = 0; a < 2; ++a)
+    if (plan.axis[a].exists()) axes[a] = &decoder.readings[a];
   join(judged, axes, c);
-  if (c.accepted == 0) return nothing_decoded(c, levels);
+  if (c.accepted == 0) return nothing_decoded(c, decoder.levels);
   return c;
 }
 

@@ -24,6 +24,7 @@ enum class Reason : std::uint8_t {
   kIsolated = 5,      // no accepted neighbour supports it
   kNoCode = 6,        // the sequence has no code of that axis for that projector
   kIndirect = 7,      // no fine stripe modulates it: this projector lights it only by way of other surfaces
+  kPhase = 8,         // its sinusoids contradict each other: it sees two places at once, or something moved
 };
 const std::map<int, std::string>& reason_names();
 
@@ -47,12 +48,17 @@ struct DecodeOptions {
 // Gives the linear photo of a frame, by its index. Called from two threads at once.
 using PhotoSource = std::function<Result<Photo>(int index)>;
 
-// Gray code with inverse, cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells,
+// Decodes what the sequence has: Gray code with inverse, XOR codes (Gupta et al. 2011), sinusoids that share their
+// band (micro phase shifting, Gupta & Nayar 2012) or climb down a ladder of periods, and a Gray code that sinusoids
+// refine (read_phase).
+//
+// Gray code is read cell by cell; where exactly one bit is uncertain and both readings are neighbouring cells,
 // the pixel lies on that edge. Coarse bits count only as far as light by way of other surfaces could not have made
 // them. The position is then refined by a plane through the accepted neighbours that agree, so that quantisation
 // averages out without bridging edges of the scene; pixels with more bits in doubt are completed where the plane and
 // every certain bit agree. sigma includes what quantisation may hide from the plane, and the pull of brighter
-// surroundings through lens blur. Memory: about 80 bytes per camera pixel, besides two photos.
+// surroundings through lens blur. Memory: about 80 bytes per camera pixel, besides two photos, or all sinusoids of an
+// axis.
 Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
                                      const std::string& projector, const DecodeOptions& options, Progress& progress);
 

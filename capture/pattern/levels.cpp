@@ -28,8 +28,9 @@ double trimmed_variance(std::vector<float>& values) {
   return std::max(0.0, squares / n - (sum / n) * (sum / n));
 }
 
-// variance = c0 + c1 light through the bins, each weighted by how well it knows its variance; both non-negative.
-NoiseModel line_through(std::vector<Bin>& bins) {
+// variance = terms read^2 + photon light through the bins, each weighted by how well it knows its variance; both
+// non-negative.
+NoiseModel line_through(std::vector<Bin>& bins, int terms) {
   double s = 0, sx = 0, sy = 0, sxx = 0, sxy = 0;
   for (Bin& bin : bins) {
     const double n = static_cast<double>(bin.residuals.size());
@@ -45,7 +46,7 @@ NoiseModel line_through(std::vector<Bin>& bins) {
   double offset = (sy - slope * sx) / s;
   if (slope < 0) slope = 0, offset = sy / s;
   if (offset < 0) offset = 0, slope = sxx > 0 ? sxy / sxx : 0;
-  return {std::sqrt(offset / 4), slope};
+  return {std::sqrt(offset / terms), slope};
 }
 
 Error sizes_differ(int first, int second, const Image& a, const Image& b) {
@@ -85,55 +86,33 @@ void widen(const Image& image, Levels& levels) {
 
 }  // namespace
 
-Result<CodePlan> plan_code(const Sequence& sequence, const std::string& projector) {
-  CodePlan plan;
-  for (const auto& [id, resolution] : sequence.projectors)
-    if (id == projector) plan.axis[0].length_px = resolution[0], plan.axis[1].length_px = resolution[1];
-  const bool alone = sequence.projectors.size() == 1;
-  for (const Frame& frame : sequence.frames) {
-    const Role& role = frame.role;
-    if (role.projector != projector && !(alone && role.projector.empty())) continue;
-    if (role.kind == "white" && plan.white < 0) plan.white = frame.index;
-    if (role.kind == "black" && plan.black < 0) plan.black = frame.index;
-    if (role.kind != "gray") continue;
-    AxisCode& code = plan.axis[role.axis == "x" ? 0 : 1];
-    code.cell_px = role.cell_px;
-    code.bits.resize(std::max<std::size_t>(code.bits.size(), role.bit + 1));
-    (role.inverse ? code.bits[role.bit].inverse : code.bits[role.bit].plain) = frame.index;
+NoiseModel noise_of_residuals(const std::vector<float>& residuals, const std::vector<float>& light, int terms) {
+  std::vector<Bin> bins(48);
+  const int last = static_cast<int>(bins.size()) - 1;
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    Bin& bin = bins[std::clamp(static_cast<int>(light[i] / terms * bins.size()), 0, last)];
+    bin.residuals.push_back(residuals[i]);
+    bin.light += light[i];
   }
-  if (!plan.axis[0].exists() && !plan.axis[1].exists())
-    return error(ErrorCode::kRefused,
-                 "the sequence has no Gray code for projector '{}'; its frames' roles must be {{\"kind\":\"gray\"}} "
-                 "with projector '{}'",
-                 projector, projector);
-  for (int a = 0; a < 2; ++a)
-    for (std::size_t b = 0; b < plan.axis[a].bits.size(); ++b)
-      if (plan.axis[a].bits[b].plain < 0 || plan.axis[a].bits[b].inverse < 0)
-        return error(ErrorCode::kRefused,
-                     "projector '{}': Gray code bit {} of axis {} lacks its {} frame; this decoder needs every bit "
-                     "with its inverse",
-                     projector, b, a ? "y" : "x", plan.axis[a].bits[b].plain < 0 ? "plain" : "inverse");
-  return plan;
+  return line_through(bins, terms);
 }
 
 NoiseModel noise_of_pairs(const Image& a, const Image& a_inverse, const Image& b, const Image& b_inverse,
                           const Mask& skip) {
-  std::vector<Bin> bins(48);
+  std::vector<float> residuals, light;
   const std::size_t step = std::max<std::size_t>(1, a.pixels() / 400000);
   for (std::size_t i = 0; i < a.pixels(); i += step) {
     if (skip.data()[i]) continue;
     const float sum_a = a.data()[i] + a_inverse.data()[i], sum_b = b.data()[i] + b_inverse.data()[i];
     if (!std::isfinite(sum_a + sum_b)) continue;
-    const int last = static_cast<int>(bins.size()) - 1;
-    Bin& bin = bins[std::clamp(static_cast<int>(0.25f * (sum_a + sum_b) * bins.size()), 0, last)];
-    bin.residuals.push_back(sum_a - sum_b);
-    bin.light += sum_a + sum_b;
+    residuals.push_back(sum_a - sum_b);
+    light.push_back(sum_a + sum_b);
   }
-  return line_through(bins);
+  return noise_of_residuals(residuals, light, 4);
 }
 
 Result<Levels> measure_levels(const CodePlan& plan, const PhotoSource& photos) {
-  const AxisCode& code = plan.axis[plan.axis[0].exists() ? 0 : 1];
+  const AxisCode& code = plan.axis[plan.axis[0].bits.empty() ? 1 : 0];
   const auto pair_of = [](const BitFrames& bit) { return Pair{bit.plain, bit.inverse, {}, {}}; };
   const bool has_levels = plan.white >= 0 && plan.black >= 0;
   Pair full = has_levels ? Pair{plan.white, plan.black, {}, {}} : pair_of(code.bits.back());

@@ -98,11 +98,14 @@ int gray_bits(int count) {
   return std::max(1, bits);
 }
 
+double wave_shift(const Role& role) {
+  return role.shift_rad.value_or(2 * std::numbers::pi * role.step / role.steps);
+}
+
 namespace {
 
 double wave(const Role& role, int i) {
-  const double shift = role.shift_rad.value_or(2 * std::numbers::pi * role.step / role.steps);
-  const double shown = 0.5 + 0.5 * std::cos(2 * std::numbers::pi * i / role.period_px + shift);
+  const double shown = 0.5 + 0.5 * std::cos(2 * std::numbers::pi * i / role.period_px + wave_shift(role));
   return std::pow(shown, role.shown_exponent);
 }
 
@@ -112,7 +115,9 @@ double stripe(const Role& role, int i) {
 }
 
 double gray_stripe(const Role& role, int i) {
-  const bool lit = (gray_from_binary(static_cast<unsigned>(i / role.cell_px)) >> role.bit) & 1;
+  const unsigned code = gray_from_binary(static_cast<unsigned>(i / role.cell_px));
+  const unsigned base = role.kind == "xor" ? code >> role.base : 0;
+  const bool lit = ((code >> role.bit) ^ base) & 1;
   return lit != role.inverse ? 1.0 : 0.0;
 }
 
@@ -121,11 +126,8 @@ void add_code(const ProjectorSpec& projector, std::vector<Role>& roles) {
   Role role;
   role.projector = projector.id;
   for (const char* kind : {"white", "black"}) role.kind = kind, roles.push_back(role);
-  role.kind = "gray";
-  for (const char* axis : {"x", "y"})
-    for (int bit = gray_bits(projector.resolution[axis[0] == 'x' ? 0 : 1]) - 1; bit >= 0; --bit)
-      for (bool inverse : {false, true})
-        role.axis = axis, role.bit = bit, role.inverse = inverse, roles.push_back(role);
+  const std::vector<Role> code = *code_roles("gray", projector);
+  roles.insert(roles.end(), code.begin(), code.end());
 }
 
 void add_photometric(const Rig& rig, int cell_px, std::vector<Role>& roles) {
@@ -155,7 +157,7 @@ Result<Picture> render_role(const Role& role, const std::string& projector_id, i
   };
   if (role.kind == "white") return Picture(width, height, 3, kFull);
   if (role.kind == "black") return Picture(width, height, 3);
-  if (role.kind == "gray") return along(gray_stripe);
+  if (role.kind == "gray" || role.kind == "xor") return along(gray_stripe);
   if (role.kind == "phase") return along(wave);
   if (role.kind == "mask") return along(stripe);
   const std::array<double, 3> lit = primary(role.channel), dark{0, 0, 0};
@@ -169,7 +171,7 @@ Result<Picture> render_role(const Role& role, const std::string& projector_id, i
     return draw(width, height, [&](int x, int y) { return held_out(seed, (x + 0.5) / height, (y + 0.5) / height); });
   }
   return error(ErrorCode::kUnsupported,
-               "frames of kind '{}' cannot be drawn by this version; it knows white, black, gray, phase, blocks, "
+               "frames of kind '{}' cannot be drawn by this version; it knows white, black, gray, xor, phase, blocks, "
                "primary, held-out, mask",
                role.kind);
 }

@@ -19,6 +19,21 @@ unsigned binary_from_gray(unsigned g);
 // Bits needed for `count` cells.
 int gray_bits(int count);
 
+// Phase of a role of kind phase at the centre of the first pixel [rad].
+double wave_shift(const Role& role);
+
+// The codes by name (code_roles), each with what it is.
+const std::vector<std::pair<std::string, std::string>>& codes();
+// The frames that tell a projector's pixels apart on both axes, in order, without white and black:
+//   gray                 every bit of the Gray code, with its inverse
+//   xor-02, xor-04       the same in exclusive or with bit 0 or 1, so that every stripe is narrow (Gupta et al. 2011)
+//   micro-phase          three shifts of one period of about 16 px, two in quadrature of two (three beyond 2048 px)
+//                        others below 27 px: 7 (9) frames per axis (band and shared unknowns: Gupta & Nayar 2012)
+//   phase                four shifts each of a ladder of periods, from the length of the axis down to 20 px
+// Sinusoids are made for a projector of exponent 2.2 (shown_exponent 1 / 2.2). Errors: kBadValue names the nearest
+// code.
+Result<std::vector<Role>> code_roles(const std::string& code, const ProjectorSpec& projector);
+
 // The default capture of a rig: per projector white, black and Gray code with inverse on both axes; then, for the
 // photometric fit, two complementary block patterns per primary on all projectors together, black, and for every
 // projector but the first three primaries alone (7 + 3 (n - 1) frames, PHYSICS 6); two held-out photo-like frames.

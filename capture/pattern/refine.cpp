@@ -154,14 +154,27 @@ Refined refine_reading(const Window& w, float read, float cell) {
   return {plane.value, plane.sigma, scale, Reason::kAccepted};
 }
 
+// Whether q is within half a cell of an edge of the base bit: there light is half of both, whatever the bits combined
+// with it are.
+bool on_base_edge(float q, const AxisReading& reading) {
+  const float cell = static_cast<float>(reading.cell_px);
+  const int left = static_cast<int>(std::floor((q - 0.5f * (cell - 1)) / cell));
+  if (left < 0) return false;
+  return ((gray_from_binary(static_cast<unsigned>(left)) ^ gray_from_binary(static_cast<unsigned>(left) + 1)) >>
+          reading.base) &
+         1;
+}
+
 Refined complete(const Window& w, std::size_t i, const AxisReading& reading) {
   const Refined rejected{.reason = Reason::kUncertainBit};
-  if (w.count < kFewest || 2 * std::popcount(reading.uncertain[i]) > reading.bits) return rejected;
+  const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
+  if (w.count < kFewest || (!edge && 2 * std::popcount(reading.uncertain[i]) > reading.bits)) return rejected;
   const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
   if (!gx || !gy) return rejected;
   const auto cell = static_cast<float>(reading.cell_px);
   const Plane plane = fit(w, centre_of(w, *gx, *gy), *gx, *gy, cell);
   if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
+  if (edge && !on_base_edge(plane.value, reading)) return rejected;
   if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
   return {plane.value, plane.sigma, std::hypot(*gx, *gy), Reason::kAccepted};
 }
@@ -195,6 +208,55 @@ void refine_by_neighbours(AxisReading& reading) {
       reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
     }
   });
+}
+
+namespace {
+
+// How many of a window's readings agree with one at its centre.
+int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
+  int agree = 0;
+  for (int dy = -kRadius; dy <= kRadius; ++dy)
+    for (int dx = -kRadius; dx <= kRadius; ++dx) {
+      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
+      agree += std::abs(value - (centre + gx * static_cast<float>(dx) + gy * static_cast<float>(dy))) <= reach;
+    }
+  return agree;
+}
+
+}  // namespace
+
+void check_by_neighbours(AxisReading& reading, const Image& other) {
+  const Image raw = reading.q;
+  Image judges = raw;  // doubtful readings judge only where there are hardly others
+  for (std::size_t i = 0; i < judges.data().size(); ++i)
+    if (reading.reason.data()[i]) judges.data()[i] = std::numeric_limits<float>::quiet_NaN();
+  parallel_for(raw.height(), [&](int y) {
+    for (int x = 0; x < raw.width(); ++x) {
+      const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
+      if (!std::isfinite(raw.data()[i])) continue;
+      const bool certain = std::isfinite(judges.data()[i]);
+      Window w = window_at(judges, x, y);
+      if (w.count < 2 * kFewest) w = window_at(raw, x, y);
+      const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
+      Reason why = Reason::kIsolated;
+      if (w.count >= kFewest && gx && gy) {
+        // Surfaces bend and pixels are noisy; another way to unwrap is many pixels away.
+        const float reach = std::max(1.5f, 5 * reading.sigma.data()[i]);
+        const float least = certain ? 0.3f : 0.7f;
+        why = certain ? Reason::kInconsistent : Reason::kUncertainBit;
+        for (const float q : {raw.data()[i], other.data()[i]}) {
+          if (!std::isfinite(q)) continue;
+          const int agree = agreeing(w, q, *gx, *gy, reach);
+          if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
+          reading.q.data()[i] = q, why = Reason::kAccepted;
+          break;
+        }
+      }
+      reading.reason.data()[i] = static_cast<std::uint8_t>(why);
+    }
+  });
+  for (std::size_t i = 0; i < reading.q.data().size(); ++i)
+    if (reading.reason.data()[i]) reading.q.data()[i] = std::numeric_limits<float>::quiet_NaN();
 }
 
 }  // namespace countershade::capture

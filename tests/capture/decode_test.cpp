@@ -70,8 +70,9 @@ TEST(Decode, SigmaPredictsTheErrorWhateverTheSlope) {
     view.map = [slope](double u, double v) { return std::pair(20.3 + slope * u, 11.2 + (slope + 0.002) * v); };
     const Score s = fake::score(view, good(view, code_of(view)));
     EXPECT_GT(s.coverage(), 0.9) << slope;
-    // Within a factor of two in sigma, each way: neighbouring errors hang together, so one view is few samples.
-    EXPECT_GT(s.z2, 0.25) << slope;
+    // Never half of the error; at most three times it: rounding errors hang together, so the plane counts four pixels
+    // as one, which is too few where blur has already evened them out.
+    EXPECT_GT(s.z2, 0.11) << slope;
     EXPECT_LT(s.z2, 4.0) << slope;
   }
 }
@@ -256,7 +257,7 @@ TEST(Decode, RefusesAProjectorWithoutCode) {
   const auto c = decode_frames(sequence, view.photos(sequence, test_name()), "cam", "q", {}, silent);
   ASSERT_FALSE(c);
   EXPECT_EQ(c.error().code, ErrorCode::kRefused);
-  EXPECT_THAT(c.error().message, HasSubstr("no Gray code for projector 'q'"));
+  EXPECT_THAT(c.error().message, HasSubstr("no code for projector 'q'"));
 }
 
 TEST(Decode, SaysWhyNothingIsLit) {

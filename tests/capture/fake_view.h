@@ -2,6 +2,8 @@
 // known exactly. Blur, noise, ambient light, bounced light, gaps and edges can be planted.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <functional>
 #include <map>
@@ -26,6 +28,7 @@ struct View {
   };
   double gain = 0.8, ambient = 0.02;  // fractions of full scale
   double blur_px = 0;                 // sigma of the point spread, camera px
+  double exponent = 2.2;              // of the projector's response
   double full_well = 0, read_e = 5;   // noise of a camera with that many electrons; 0 = none
   // Light that comes by way of other surfaces, as a multiple of albedo * gain: given the picture's share of lit columns
   // in the far half of the projector (x beyond the middle), which is where it comes from.
@@ -49,45 +52,61 @@ struct View {
   }
 
  private:
-  // A sample of a camera pixel: which projector pixel it sees, and how much of it.
+  // A sample of a camera pixel: where on the projector it looks, how much of it there is.
   struct Tap {
-    int at = -1;  // -1: not lit
+    int at = -1;                // index of the projector pixel left above; -1: not lit
+    float right = 0, down = 0;  // shares of its neighbours
     float weight = 0;
   };
-  static constexpr int kSide = 5, kTaps = kSide * kSide;  // across four sigma of the point spread, or the pixel
+  static constexpr int kSide = 3, kTaps = kSide * kSide;  // across three sigma of the point spread, or the pixel
 
   std::vector<Tap> taps_of_pixels() const {
     std::vector<Tap> taps(static_cast<std::size_t>(width) * height * kTaps);
     std::size_t n = 0;
     double weights = 0;
     for (int k = 0; k < kTaps; ++k) weights += spread(k);
-    const double reach = blur_px > 0 ? 2 * blur_px : 0.4;
+    const double reach = blur_px > 0 ? 1.5 * blur_px : 0.33;
     for (int v = 0; v < height; ++v)
       for (int u = 0; u < width; ++u)
         for (int k = 0; k < kTaps; ++k, ++n) {
-          const double su = u + reach * (k % kSide - 2) / 2, sv = v + reach * (k / kSide - 2) / 2;
+          const double su = u + reach * (k % kSide - 1), sv = v + reach * (k / kSide - 1);
           const auto [x, y] = map(su, sv);
-          if (lit(x, y))
-            taps[n].at = static_cast<int>(std::lround(y)) * projector_width + static_cast<int>(std::lround(x));
+          if (lit(x, y)) {
+            const double cx = std::clamp(x, 0.0, projector_width - 1.001),
+                         cy = std::clamp(y, 0.0, projector_height - 1.001);
+            taps[n].at = static_cast<int>(cy) * projector_width + static_cast<int>(cx);
+            taps[n].right = static_cast<float>(cx - std::floor(cx)),
+            taps[n].down = static_cast<float>(cy - std::floor(cy));
+          }
           taps[n].weight = static_cast<float>(albedo(su, sv) * spread(k) / weights);
         }
     return taps;
   }
   double spread(int k) const {
-    const double s = (k % kSide - 2) / 2.0, t = (k / kSide - 2) / 2.0;  // -1..1, two sigma
-    return blur_px > 0 ? std::exp(-2 * (s * s + t * t)) : 1;
+    const double s = k % kSide - 1, t = k / kSide - 1;  // 1.5 sigma
+    return blur_px > 0 ? std::exp(-1.125 * (s * s + t * t)) : 1;
   }
 
   Photo photo(const Picture& picture, const std::vector<Tap>& taps, std::uint64_t seed) const {
     Photo result{Image(width, height, channels), Mask(width, height, 1, 1), 0};
-    const double far = far_share(picture);
+    const auto response = [table = response_table()](std::uint16_t value) { return table[value / 257]; };  // 8 bits
+    double far = 0;
+    for (int y = 0; y < projector_height; ++y)
+      for (int x = projector_width / 2; x < projector_width; ++x) far += response(picture.at(x, y, 1));
+    far /= projector_height * (projector_width - projector_width / 2);
+    std::vector<float> shown(picture.pixels());
+    for (std::size_t i = 0; i < shown.size(); ++i) shown[i] = response(picture.data()[3 * i + 1]);
     Random random(seed);
     std::size_t n = 0;
     for (int v = 0; v < height; ++v)
       for (int u = 0; u < width; ++u) {
         double light = 0;
         for (int k = 0; k < kTaps; ++k, ++n)
-          if (taps[n].at >= 0 && picture.data()[3 * taps[n].at + 1]) light += taps[n].weight;
+          if (taps[n].at >= 0) {
+            const float *above = &shown[taps[n].at], *below = above + projector_width;
+            light += taps[n].weight * std::lerp(std::lerp(above[0], above[1], taps[n].right),
+                                                std::lerp(below[0], below[1], taps[n].right), taps[n].down);
+          }
         light = ambient + gain * (light + albedo(u, v) * bounce(u, v) * far);
         for (int c = 0; c < channels; ++c) {
           double value = light * (1 - 0.2 * c);
@@ -99,11 +118,10 @@ struct View {
     return result;
   }
 
-  double far_share(const Picture& picture) const {
-    double sum = 0, count = 0;
-    for (int y = 0; y < projector_height; ++y)
-      for (int x = projector_width / 2; x < projector_width; ++x) sum += picture.at(x, y, 1) / 65535.0, ++count;
-    return sum / count;
+  std::array<float, 256> response_table() const {
+    std::array<float, 256> table{};
+    for (int i = 0; i < 256; ++i) table[i] = static_cast<float>(std::pow(i / 255.0, exponent));
+    return table;
   }
 };
 
@@ -128,6 +146,21 @@ inline Sequence code_of(const View& view, const CodeOptions& options = {}) {
       for (bool inverse : {false, true})
         role.axis = std::string(1, axis), role.bit = bit, role.inverse = inverse, add(role);
   }
+  return s;
+}
+
+// Any code, by name; white and black first.
+inline Sequence sequence_of(const View& view, const std::string& code) {
+  Sequence s;
+  s.projectors = {{"p", {view.projector_width, view.projector_height}}};
+  ProjectorSpec spec;
+  spec.id = "p", spec.resolution = {view.projector_width, view.projector_height};
+  Role role;
+  role.projector = "p";
+  for (const char* kind : {"white", "black"})
+    role.kind = kind, s.frames.push_back({static_cast<int>(s.frames.size()), role});
+  const std::vector<Role> roles = *code_roles(code, spec);
+  for (const Role& r : roles) s.frames.push_back({static_cast<int>(s.frames.size()), r});
   return s;
 }
 

@@ -1,0 +1,256 @@
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <numbers>
+
+#include "capture/pattern/phase.h"
+#include "capture/pattern/plan.h"
+#include "tests/capture/fake_view.h"
+
+namespace countershade::capture {
+namespace {
+
+using fake::Score;
+using fake::View;
+using testing::HasSubstr;
+
+std::string test_name() {
+  return testing::UnitTest::GetInstance()->current_test_info()->name();
+}
+
+Correspondence good(const View& view, const std::string& code) {
+  SilentProgress silent;
+  const Sequence sequence = fake::sequence_of(view, code);
+  auto c = decode_frames(sequence, view.photos(sequence, test_name() + code), "cam", "p", {}, silent);
+  EXPECT_TRUE(c) << c.error().message;
+  return *std::move(c);
+}
+
+View large() {
+  View view;
+  view.width = 300, view.height = 200, view.projector_width = 1920, view.projector_height = 400;
+  view.map = [](double u, double v) {
+    return std::pair(1180 + 1.33 * u - 0.11 * v + 0.0006 * u * v, 99 + 0.07 * u + 1.21 * v - 0.0004 * u * u);
+  };
+  view.full_well = 10000, view.blur_px = 0.6;
+  return view;
+}
+
+class EveryCode : public testing::TestWithParam<std::string> {};
+INSTANTIATE_TEST_SUITE_P(Codes, EveryCode, testing::Values("gray", "xor-02", "xor-04", "micro-phase", "phase"),
+                         [](const auto& info) {
+                           std::string name = info.param;
+                           std::erase(name, '-');
+                           return name;
+                         });
+
+TEST_P(EveryCode, GivesTheTruth) {
+  const View view = large();
+  const Correspondence c = good(view, GetParam());
+  const Score s = fake::score(view, c);
+  EXPECT_GT(s.coverage(), 0.98);
+  EXPECT_LT(s.wrong, 1e-4);
+  // Bits are rounded to pixels, those combined with the finest one hardest; sinusoids are not.
+  EXPECT_LT(s.rms, GetParam() == "xor-02" ? 0.25 : GetParam() == "phase" ? 0.08 : 0.05);
+  EXPECT_GT(s.z2, 0.11);  // sigma is at most three times the error ...
+  EXPECT_LT(s.z2, 2);     // ... and never much less
+}
+
+// Light by way of the room that is stronger than the direct light, made of the far half of the picture: Gray code reads
+// its coarse stripes from it, narrow stripes and short sinusoids average out there.
+TEST_P(EveryCode, IsNeverWrongUnderIndirectLight) {
+  for (const double bounce : {0.4, 1.5}) {
+    View view = large();
+    view.gain = 0.6 / (1 + bounce);
+    view.bounce = [bounce](double, double) { return bounce; };
+    SilentProgress silent;
+    const Sequence sequence = fake::sequence_of(view, GetParam());
+    const auto c = decode_frames(sequence, view.photos(sequence, test_name()), "cam", "p", {}, silent);
+    if (!c) {
+      EXPECT_TRUE(bounce > 1 && GetParam() == "gray") << c.error().message;
+      continue;
+    }
+    const Score s = fake::score(view, *c);
+    EXPECT_LT(s.wrong, 1e-4) << bounce;
+    // 14 frames hold less light than 44.
+    EXPECT_GT(s.coverage(), GetParam() == "xor-04" ? 0.96 : GetParam() == "micro-phase" ? 0.9 : 0) << bounce;
+  }
+}
+
+TEST(MicroPhase, NeedsNoKnownResponse) {
+  for (const double exponent : {1.6, 2.0, 2.5, 3.0}) {
+    View view = large();
+    view.exponent = exponent;
+    const Score s = fake::score(view, good(view, "micro-phase"));
+    EXPECT_GT(s.coverage(), 0.98) << exponent;
+    EXPECT_LT(s.rms, 0.06) << exponent;
+    EXPECT_LT(s.z2, 2) << exponent;  // harmonics left in would pull pixels by .1 px, unpredicted
+  }
+}
+
+TEST(MicroPhase, ReadsItsNoiseFromItsOwnResiduals) {
+  View view = large();
+  view.blur_px = 1.2;  // across projector pixels, whose steps would be residuals, too
+  const Sequence sequence = fake::sequence_of(view, "micro-phase");
+  const auto plan = plan_code(sequence, "p");
+  ASSERT_TRUE(plan);
+  const PhotoSource photos = view.photos(sequence, test_name());
+  WavePhotos waves;
+  for (const WaveFrame& frame : plan->axis[1].waves) {
+    const auto photo = photos(frame.index);
+    waves.light.push_back(luminance_mean(photo->value));
+  }
+  waves.skip = Mask(view.width, view.height, 1);
+  const WaveModel model = fit_wave_model(plan->axis[1], waves, nullptr, {});
+  // The made-for exponent leaves no harmonics but those that 8 bits and the half-lit pixel make.
+  EXPECT_NEAR(model.h2, 0, 0.01);
+  EXPECT_NEAR(model.h3, 0, 0.01);
+  // Three taps 1.5 sigma apart have .886 of the point spread's variance, rows are 1.21 px apart, and what lies between
+  // two projector pixels is interpolated: .886 (1.2 * 1.21)^2 + 1/6.
+  EXPECT_NEAR(model.blur, 2.03, 0.1);
+  for (const double light : {0.1, 0.4}) {
+    const double expected = std::sqrt(light * view.full_well + view.read_e * view.read_e) / view.full_well;
+    EXPECT_NEAR(model.noise.sigma(light), expected, 0.1 * expected) << light;
+  }
+}
+
+TEST(MicroPhase, TwoPlacesInOnePixelContradictEachOther) {
+  View view = large();
+  // A line of pixels sees two places of the projector at once.
+  View other = view;
+  other.map = [map = view.map](double u, double v) {
+    const auto [x, y] = map(u, v);
+    return std::pair(x - 317.0, y);
+  };
+  const Sequence sequence = fake::sequence_of(view, "micro-phase");
+  const PhotoSource one = view.photos(sequence, "one"), two = other.photos(sequence, "two");
+  const PhotoSource mixed = [&](int index) -> Result<Photo> {
+    auto a = one(index), b = two(index);
+    for (int y = 0; y < view.height; ++y)
+      for (int x = 200; x < 203; ++x) a->value.at(x, y) = 0.5f * (a->value.at(x, y) + b->value.at(x, y));
+    return a;
+  };
+  SilentProgress silent;
+  const auto c = decode_frames(sequence, mixed, "cam", "p", {}, silent);
+  ASSERT_TRUE(c);
+  int accepted = 0, named = 0;
+  for (int y = 0; y < view.height; ++y) {
+    accepted += c->reason.at(201, y) == 0;
+    named += c->reason.at(201, y) == static_cast<std::uint8_t>(Reason::kPhase);
+  }
+  EXPECT_LT(accepted, 0.05 * view.height);
+  EXPECT_GT(named, 0.7 * view.height);
+}
+
+// The closest that the light of two columns, a turn or more apart, comes in the space of the frames: noise of half of
+// it would be read wrongly. The constants of codes.cpp were searched for this.
+TEST(Codes, MicroPhaseTellsColumnsApart) {
+  for (const auto& [length, least] : {std::pair(1280, 0.47), {1920, 0.47}, {2048, 0.47}, {3840, 0.8}, {4096, 0.8}}) {
+    ProjectorSpec spec;
+    spec.id = "p", spec.resolution = {length, 32};
+    const auto roles = code_roles("micro-phase", spec);
+    ASSERT_TRUE(roles);
+    std::vector<const Role*> waves;
+    for (const Role& r : *roles)
+      if (r.axis == "x") waves.push_back(&r);
+    EXPECT_EQ(waves.size(), length > 2048 ? 9u : 7u);
+    double closest = 1e9;
+    for (int lag = 8; lag < length; ++lag) {
+      double sum = 0;  // mean over columns of the squared distance, in amplitudes
+      for (const Role* r : waves) sum += 2 * std::pow(std::sin(std::numbers::pi * lag / r->period_px), 2);
+      closest = std::min(closest, std::sqrt(sum));
+    }
+    EXPECT_GT(closest, least) << length;
+  }
+}
+
+TEST(Codes, StripesOfXorCodesAreNarrow) {
+  ProjectorSpec spec;
+  spec.id = "p", spec.resolution = {1280, 800};
+  for (const auto& [code, widest] : {std::pair("xor-02", 2), {"xor-04", 4}}) {
+    const auto roles = code_roles(code, spec);
+    ASSERT_TRUE(roles);
+    for (const Role& r : *roles) {
+      const auto picture = render_role(r, "p", 1280, 800);
+      ASSERT_TRUE(picture);
+      const bool along_x = r.axis == "x";
+      int run = 0, longest = 0;
+      for (int i = 1; i < (along_x ? 1280 : 800); ++i) {
+        const bool same =
+            along_x ? picture->at(i, 0) == picture->at(i - 1, 0) : picture->at(0, i) == picture->at(0, i - 1);
+        run = same ? run + 1 : 0;
+        longest = std::max(longest, run + 1);
+      }
+      EXPECT_LE(longest, widest) << r.name();
+    }
+  }
+}
+
+TEST(Codes, UnknownNameGivesTheNearest) {
+  ProjectorSpec spec;
+  spec.resolution = {100, 80};
+  const auto roles = code_roles("xor-4", spec);
+  ASSERT_FALSE(roles);
+  EXPECT_THAT(roles.error().message, HasSubstr("nearest valid name is 'xor-04'"));
+}
+
+Sequence waves_of(const std::vector<std::pair<double, double>>& period_and_shift) {
+  Sequence s;
+  s.projectors = {{"p", {1920, 1080}}};
+  Role r;
+  r.kind = "phase", r.projector = "p", r.steps = 1;
+  for (const auto& [period, shift] : period_and_shift)
+    r.period_px = period, r.shift_rad = shift, s.frames.push_back({static_cast<int>(s.frames.size()), r});
+  return s;
+}
+
+TEST(PlanCode, SinusoidsThatCannotBeUnwrappedAreRefused) {
+  const auto two = plan_code(waves_of({{16, 0}, {16, 1}, {20, 0}, {20, 1}}), "p");
+  ASSERT_FALSE(two);
+  EXPECT_THAT(two.error().message, HasSubstr("three different shifts"));
+  const auto again = plan_code(waves_of({{16, 0}, {16, 2}, {16, 4}, {20, 0}, {20, 1}}), "p");
+  ASSERT_FALSE(again);
+  EXPECT_THAT(again.error().message, HasSubstr("repeat together within 1920 px"));
+  const auto lonely = plan_code(waves_of({{16, 0}, {16, 2}, {16, 4}, {100, 0}}), "p");
+  ASSERT_FALSE(lonely);
+  EXPECT_THAT(lonely.error().message, HasSubstr("period 100 px need three"));
+  EXPECT_TRUE(plan_code(waves_of({{16, 0}, {16, 2}, {16, 4}, {22.1, 0}, {22.1, 1.5}, {23.3, 0}, {23.3, 1.5}}), "p"));
+}
+
+TEST(PlanCode, ABitWithoutItsBaseIsNamed) {
+  View view;
+  Sequence sequence = fake::sequence_of(view, "xor-04");
+  std::erase_if(sequence.frames,
+                [](const Frame& f) { return f.role.kind == "gray" && f.role.axis == "y" && f.role.bit == 1; });
+  const auto plan = plan_code(sequence, "p");
+  ASSERT_FALSE(plan);
+  EXPECT_THAT(plan.error().message, HasSubstr("bit 1 of axis y lacks its plain frame"));
+}
+
+// Somebody's scanner: Gray code of coarse cells, and four steps of one sinusoid that refine it.
+TEST(Phase, RefinesAGrayCode) {
+  View view;
+  view.full_well = 10000, view.blur_px = 0.6;
+  Sequence sequence = fake::code_of(view, {.cell_px = 8});
+  const double gray = fake::score(
+                          view,
+                          *[&] {
+                            SilentProgress silent;
+                            return decode_frames(sequence, view.photos(sequence, test_name()), "cam", "p", {}, silent);
+                          }())
+                          .rms;
+  Role r;
+  r.kind = "phase", r.projector = "p", r.steps = 4, r.period_px = 32;
+  for (const char* axis : {"x", "y"})
+    for (r.step = 0; r.step < 4; ++r.step)
+      r.axis = axis, sequence.frames.push_back({static_cast<int>(sequence.frames.size()) + 3, r});
+  SilentProgress silent;
+  const auto c = decode_frames(sequence, view.photos(sequence, test_name()), "cam", "p", {}, silent);
+  ASSERT_TRUE(c) << c.error().message;
+  const Score s = fake::score(view, *c);
+  EXPECT_LT(s.rms, 0.4 * gray);
+  EXPECT_LT(s.wrong, 1e-3);
+}
+
+}  // namespace
+}  // namespace countershade::capture
