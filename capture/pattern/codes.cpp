@@ -29,16 +29,21 @@ void add_wave(const Role& axis, double period_px, double shift_rad, std::vector<
   roles.push_back(role);
 }
 
-// Periods whose phases, all together, come near each other again as late as possible: within 2048 px no two columns a
-// turn apart are closer than .47 amplitudes in the space of the frames, with the fourth period .82 within 4096 px
-// (searched in steps of .1 px; the test Codes.MicroPhaseTellsColumnsApart measures it).
-void add_micro_phase(const Role& axis, int length, std::vector<Role>& roles) {
-  constexpr double kThird = 2 * std::numbers::pi / 3, kQuarter = std::numbers::pi / 2;
-  for (int step = 0; step < 3; ++step) add_wave(axis, 16, step * kThird, roles);
+void add_base(const Role& axis, std::vector<Role>& roles) {
+  for (int step = 0; step < 3; ++step) add_wave(axis, 16, step * 2 * std::numbers::pi / 3, roles);
+}
+
+// Periods whose phases, all together with the base's, come near each other again as late as possible: within 2048 px no
+// two columns a turn apart are closer than .47 amplitudes in the space of the frames, with the fourth period 1.0 (.82
+// within 4096 px). Searched in steps of .1 px; the test Codes.MicroPhaseTellsColumnsApart measures it.
+void add_micro_phase(const Role& axis, int length, bool more, std::vector<Role>& roles) {
   std::vector<double> others = {22.1, 23.3};
-  if (length > 2048) others.push_back(23.4);
+  if (length > 2048)
+    others.push_back(23.4);
+  else if (more)
+    others.push_back(26.8);
   for (const double period : others)
-    for (int step = 0; step < 2; ++step) add_wave(axis, period, step * kQuarter, roles);
+    for (int step = 0; step < 2; ++step) add_wave(axis, period, step * std::numbers::pi / 2, roles);
 }
 
 // Each period a fifth of the one before, as far as noise lets a phase of the longer count the turns of the shorter.
@@ -59,23 +64,42 @@ const std::vector<std::pair<std::string, std::string>>& codes() {
       {"xor-02", "Gray code in exclusive or with its finest bit, with inverse"},
       {"xor-04", "Gray code in exclusive or with its second finest bit, with inverse"},
       {"micro-phase", "sinusoids of 16 to 24 px that share offset and amplitude"},
+      {"micro-phase-9", "the same with one more period, for weak light"},
       {"phase", "four-step sinusoids of a ladder of periods"},
   };
   return kCodes;
 }
 
+namespace {
+
+Role axis_of(const ProjectorSpec& projector, int a) {
+  Role axis;
+  axis.projector = projector.id, axis.axis = a ? "y" : "x";
+  return axis;
+}
+
+}  // namespace
+
+std::vector<Role> base_roles(const ProjectorSpec& projector) {
+  std::vector<Role> roles;
+  Role role;
+  role.projector = projector.id;
+  for (const char* kind : {"white", "black"}) role.kind = kind, roles.push_back(role);
+  for (int a = 0; a < 2; ++a) add_base(axis_of(projector, a), roles);
+  return roles;
+}
+
 Result<std::vector<Role>> code_roles(const std::string& code, const ProjectorSpec& projector) {
   std::vector<Role> roles;
   for (int a = 0; a < 2; ++a) {
-    Role axis;
-    axis.projector = projector.id, axis.axis = a ? "y" : "x";
+    const Role axis = axis_of(projector, a);
     const int length = projector.resolution[a];
     if (code == "gray")
       add_bits(axis, length, -1, roles);
     else if (code == "xor-02" || code == "xor-04")
       add_bits(axis, length, code == "xor-02" ? 0 : 1, roles);
-    else if (code == "micro-phase")
-      add_micro_phase(axis, length, roles);
+    else if (code == "micro-phase" || code == "micro-phase-9")
+      add_base(axis, roles), add_micro_phase(axis, length, code == "micro-phase-9", roles);
     else if (code == "phase")
       add_ladder(axis, length, roles);
   }

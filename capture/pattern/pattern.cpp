@@ -176,18 +176,56 @@ Result<Picture> render_role(const Role& role, const std::string& projector_id, i
                role.kind);
 }
 
-Sequence default_sequence(const Rig& rig) {
+namespace {
+
+Sequence numbered(const Rig& rig, const std::vector<Role>& roles) {
   Sequence sequence;
-  std::vector<Role> roles;
-  int widest = 1;
-  for (const ProjectorSpec& p : rig.projectors) {
-    sequence.projectors.emplace_back(p.id, p.resolution);
-    widest = std::max(widest, p.resolution[0]);
-    add_code(p, roles);
-  }
-  add_photometric(rig, std::max(4, widest / 8), roles);
+  for (const ProjectorSpec& p : rig.projectors) sequence.projectors.emplace_back(p.id, p.resolution);
   for (const Role& role : roles) sequence.frames.push_back({static_cast<int>(sequence.frames.size()), role});
   return sequence;
+}
+
+int block_cell(const Rig& rig) {
+  int widest = 1;
+  for (const ProjectorSpec& p : rig.projectors) widest = std::max(widest, p.resolution[0]);
+  return std::max(4, widest / 8);
+}
+
+std::vector<Role> base_of(const Rig& rig) {
+  std::vector<Role> roles;
+  for (const ProjectorSpec& p : rig.projectors) {
+    const std::vector<Role> own = base_roles(p);
+    roles.insert(roles.end(), own.begin(), own.end());
+  }
+  return roles;
+}
+
+}  // namespace
+
+Sequence base_sequence(const Rig& rig) {
+  return numbered(rig, base_of(rig));
+}
+
+Result<Sequence> sequence_with(const Rig& rig, const std::vector<std::string>& codes) {
+  CS_CHECK(codes.size() == rig.projectors.size(), "one code per projector");
+  std::vector<Role> roles = base_of(rig);
+  const std::size_t base = roles.size();
+  for (std::size_t q = 0; q < codes.size(); ++q) {
+    CS_TRY(const std::vector<Role> code, code_roles(codes[q], rig.projectors[q]));
+    for (const Role& role : code)
+      if (std::find(roles.begin(), roles.begin() + static_cast<std::ptrdiff_t>(base), role) ==
+          roles.begin() + static_cast<std::ptrdiff_t>(base))
+        roles.push_back(role);
+  }
+  add_photometric(rig, block_cell(rig), roles);
+  return numbered(rig, roles);
+}
+
+Sequence default_sequence(const Rig& rig) {
+  std::vector<Role> roles;
+  for (const ProjectorSpec& p : rig.projectors) add_code(p, roles);
+  add_photometric(rig, block_cell(rig), roles);
+  return numbered(rig, roles);
 }
 
 }  // namespace countershade::capture

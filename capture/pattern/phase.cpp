@@ -18,7 +18,6 @@ constexpr double kTurn = 2 * std::numbers::pi;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr double kShort = 2;              // times the shortest: periods that share offset and amplitude
 constexpr double kTolerance = 0.01;       // of the amplitude: what the wave model is not trusted to know
-constexpr double kClear = 18;             // chi^2 by which the best way to unwrap beats the next: odds of 1 to 8000
 constexpr double kLeastModulated = 0.02;  // of the light: below, a fringe is an artefact of the room's indirect light
 constexpr int kMostWaves = 64;
 constexpr double kSameBlur = 1e-3;  // px^2: while the blur of all is sought
@@ -279,7 +278,7 @@ class PixelReader {
     fit(best);
     second.chi2 = 1e9, second.q += (static_cast<double>(next) - 1) * d_.base.period;
     // The costs still hold the base's noise: only what is far behind is out of the question.
-    if (cost_[next] - first_cost < 12 * kClear && cost_[next] < 1e8f) {
+    if (cost_[next] - first_cost < 12 * kClearOdds && cost_[next] < 1e8f) {
       fit(second);
       if (second.chi2 < best.chi2) std::swap(best, second);
     }
@@ -528,12 +527,12 @@ PhaseReading read_phase(const AxisCode& code, const WavePhotos& photos, const Wa
           why = Reason::kPhase;
         else if (best.q < -0.75 || best.q > design->length - 0.25)
           why = Reason::kInconsistent;
-        else if (second.chi2 - best.chi2 < kClear)
+        else if (second.chi2 - best.chi2 < kClearOdds)
           why = Reason::kUncertainBit;
         const double excess = dof > 0 ? std::max(1.0, best.chi2 / dof) : 1;
         reading.q.data()[i] = static_cast<float>(best.q);
         reading.sigma.data()[i] = static_cast<float>(std::sqrt(std::max(0.0, best.variance) * excess));
-        if (second.chi2 - best.chi2 < kClear) result.other.data()[i] = static_cast<float>(second.q);
+        if (second.chi2 - best.chi2 < kClearOdds) result.other.data()[i] = static_cast<float>(second.q);
       }
       reading.reason.data()[i] = static_cast<std::uint8_t>(why);
     }

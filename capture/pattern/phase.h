@@ -8,6 +8,9 @@
 
 namespace countershade::capture {
 
+// chi^2 by which the best way to unwrap a phase must beat the next: odds of 1 to 8000.
+constexpr double kClearOdds = 18;
+
 // What the photos of one axis say of all its pixels together.
 struct WaveModel {
   // A pixel that sees projector coordinate q has the light O + A b (cos t + h2 cos 2t + h3 cos 3t), t = 2 pi q / period

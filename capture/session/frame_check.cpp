@@ -183,7 +183,7 @@ Companions companions(const Sequence& sequence, int position) {
         r.projector == role.projector || (one_projector && (r.projector.empty() || role.projector.empty()));
     if (same && r.kind == "white" && found.white < 0) found.white = i;
     if (same && r.kind == "black" && found.black < 0) found.black = i;
-    if (role.kind == "gray" && r == inverse) found.inverse = i;
+    if ((role.kind == "gray" || role.kind == "xor") && r == inverse) found.inverse = i;
   }
   return found;
 }

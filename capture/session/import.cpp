@@ -297,7 +297,7 @@ Result<void> Import::check_order(std::size_t camera) const {
           "'{}' is darker than '{}' though it should be {} and the other {}: the photos are not in the order of "
           "the sequence",
           white.path.string(), black.path.string(), frame_name(with.white), frame_name(with.black));
-    const bool second_of_pair = role.kind == "gray" && with.inverse >= 0 && with.inverse < position;
+    const bool second_of_pair = with.inverse >= 0 && with.inverse < position;
     if (second_of_pair && gain > 0.002) CS_TRY_VOID(check_pair(camera, position, with));
   }
   return {};

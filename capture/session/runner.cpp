@@ -91,6 +91,7 @@ class Capture {
   Bins pixels_of(const Image& stored, std::size_t c) const;
   Result<Bins> stored_pixels(int f, std::size_t c) const;
   Result<std::string> wrong_pair(int f, const std::vector<Shot>& shots) const;
+  std::string repeats(int f, const std::vector<Shot>& shots) const;
   std::vector<Bins> bins_of(int f, const std::vector<Shot>& shots) const;
 
   const Rig& rig_;
@@ -107,6 +108,7 @@ class Capture {
   std::vector<Image> shown_;                            // blocks of the pictures of the last accepted photo
   int shows_ = 1;                                       // how often a picture is shown before its photo
   std::vector<Bins> former_;                            // that photo, per camera
+  std::vector<Bins> former_pixels_;                     // the same in single pixels, where the next frame needs it
 };
 
 Result<void> Capture::find_devices() {
@@ -453,6 +455,25 @@ Result<std::string> Capture::wrong_pair(int f, const std::vector<Shot>& shots) c
   return std::string();
 }
 
+// Why the photos of a sinusoid cannot be new ones; empty when they can. Its fringes are too fine for blocks to tell it
+// from the one before, but they move by a quarter of a period at least: single pixels change by about the swing of the
+// direct light, a twentieth of white - black even where most light is indirect.
+std::string Capture::repeats(int f, const std::vector<Shot>& shots) const {
+  if (sequence_.frames[f].role.kind != "phase" || former_pixels_.empty()) return "";
+  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+    const auto swing = response(c, sequence_.frames[f].role.projector);
+    if (!swing || shots[c].stored[0].empty() || former_pixels_[c].light.empty()) continue;
+    const double noise = std::max(cameras_[c].pixel_floor, kCoarse * 0.0025 * std::sqrt(mean_light(former_[c])));
+    const double change = mean_difference(pixels_of(shots[c].stored[0], c), former_pixels_[c]);
+    if (0.05 * *swing > 2 * noise && change < 0.05 * *swing + noise)
+      return fmt::format(
+          "camera '{}' still shows the former frame (its pixels changed by {:.3f} % of full scale, expected more than "
+          "{:.2f} %)",
+          cameras_[c].spec->id, 100 * change, 100 * (0.05 * *swing + noise));
+  }
+  return "";
+}
+
 std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const {
   std::vector<Bins> bins;
   for (std::size_t c = 0; c < cameras_.size(); ++c)
@@ -479,6 +500,7 @@ Result<void> Capture::take_frame(int f) {
     CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
     const std::vector<Bins> now = bins_of(f, shots);
     std::string why = stale(blocks, now);
+    if (why.empty()) why = repeats(f, shots);
     const bool is_stale = !why.empty();
     if (!is_stale) {
       CS_TRY(why, wrong_pair(f, shots));
@@ -538,6 +560,10 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const std:
   CS_TRY_VOID(store(f, shots));
   shown_ = blocks;
   former_ = now;
+  former_pixels_.clear();
+  if (f + 1 < frames() && sequence_.frames[f + 1].role.kind == "phase")
+    for (std::size_t c = 0; c < cameras_.size(); ++c)
+      former_pixels_.push_back(shots[c].stored[0].empty() ? Bins() : pixels_of(shots[c].stored[0], c));
   shows_ = std::min(shows_ + attempt, options_.retakes + 1);
   if (attempt > 0)
     progress_.note(
@@ -577,7 +603,7 @@ Result<void> capture_session(const Rig& rig, const std::string& simulation_toml,
   CS_TRY_VOID(capture.find_devices());
   CS_TRY_VOID(claim_folder(folder));
   CS_TRY(const FolderLock lock, FolderLock::take(folder));
-  CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence));
+  CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence, options.extend));
   CS_TRY_VOID(capture.load_stored());
   return capture.take_missing();
 }

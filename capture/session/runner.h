@@ -8,8 +8,9 @@
 namespace countershade::capture {
 
 struct CaptureOptions {
-  int retakes = 3;  // tries at a frame that looks stale before giving up; also the longest latency, in shows,
-                    // that the start of a capture waits out
+  int retakes = 3;      // tries at a frame that looks stale before giving up; also the longest latency, in shows,
+                        // that the start of a capture waits out
+  bool extend = false;  // the sequence of a session that stands there may be the beginning of this one
   double retake_wait_ms = 20;  // n-th retake: shown again, then this long times n before the exposure
 };
 

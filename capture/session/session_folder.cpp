@@ -4,6 +4,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstring>
 #include <vector>
@@ -91,13 +92,18 @@ Result<void> claim_folder(const fs::path& folder) {
 }
 
 Result<void> write_or_compare_header(const fs::path& folder, const Rig& rig, const std::string& simulation_toml,
-                                     const Sequence& sequence) {
+                                     const Sequence& sequence, bool extend) {
   const fs::path draft = folder / kDraft;
   std::error_code reason;
   fs::remove_all(draft, reason);
   fs::create_directories(draft, reason);
   if (reason) return io_error(draft, reason);
   auto written = write_session_header(draft, rig, simulation_toml, sequence);
+  if (written && extend && fs::exists(folder / "sequence.json")) {
+    const auto stored = read_sequence(folder / "sequence.json");
+    if (stored && stored->frames.size() < sequence.frames.size() && begins_with(sequence, *stored))
+      written = write_atomically(folder / "sequence.json", sequence_text(sequence));
+  }
   auto missing = written ? missing_files(draft, folder) : Result<std::vector<fs::path>>(written.error());
   if (missing)
     for (const fs::path& file : *missing) {
@@ -108,6 +114,12 @@ Result<void> write_or_compare_header(const fs::path& folder, const Rig& rig, con
   fs::remove_all(draft, reason);
   if (!missing) return missing.error();
   return {};
+}
+
+bool begins_with(const Sequence& whole, const Sequence& part) {
+  return whole.projectors == part.projectors && part.frames.size() <= whole.frames.size() &&
+         std::equal(part.frames.begin(), part.frames.end(), whole.frames.begin(),
+                    [](const Frame& a, const Frame& b) { return a.index == b.index && a.role == b.role; });
 }
 
 Result<void> remove_unfinished(const fs::path& folder) {

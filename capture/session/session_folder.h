@@ -32,9 +32,11 @@ class FolderLock {
 // Error: kExists when the folder holds something else than a session.
 Result<void> claim_folder(const std::filesystem::path& folder);
 // Writes the session's header, or compares it with the one that stands there. Call under the lock.
-// Error: kExists names the file that differs.
+// extend: a sequence that is the beginning of this one is replaced by it. Error: kExists names the file that differs.
 Result<void> write_or_compare_header(const std::filesystem::path& folder, const Rig& rig,
-                                     const std::string& simulation_toml, const Sequence& sequence);
+                                     const std::string& simulation_toml, const Sequence& sequence, bool extend);
+// Whether `whole` begins with all frames of `part`.
+bool begins_with(const Sequence& whole, const Sequence& part);
 // Removes what a killed writer left unfinished in a folder of photos.
 Result<void> remove_unfinished(const std::filesystem::path& folder);
 

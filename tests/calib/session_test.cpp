@@ -110,12 +110,25 @@ TEST(Sequence, WritesOnlyWhatTheKindUses) {
 TEST(Sequence, KeepsKindsThatItDoesNotKnow) {
   const Sequence s =
       reading(
-          around("{\"index\": 3, \"role\": {\"kind\":\"xor\",\"axis\":\"y\",\"bit\":[1,2],\"projector\":\"left\"}}"))
+          around(
+              "{\"index\": 3, \"role\": {\"kind\":\"hologram\",\"axis\":\"y\",\"bit\":[1,2],\"projector\":\"left\"}}"))
           .value();
-  EXPECT_EQ(s.frames[0].role.kind, "xor");
+  EXPECT_EQ(s.frames[0].role.kind, "hologram");
   EXPECT_EQ(s.frames[0].role.axis, "y");
   EXPECT_EQ(s.frames[0].role.projector, "left");
   EXPECT_EQ(reading(sequence_text(s))->frames[0].role, s.frames[0].role);
+}
+
+TEST(Sequence, XorRolesNeedAnotherBitAsTheirBase) {
+  const Sequence s =
+      reading(
+          around("{\"index\": 3, \"role\": {\"kind\":\"xor\",\"axis\":\"y\",\"bit\":4,\"base\":1,\"inverse\":true}}"))
+          .value();
+  EXPECT_EQ(s.frames[0].role.base, 1);
+  EXPECT_EQ(s.frames[0].role.name(), "xor y bit 4 inverse");
+  EXPECT_EQ(reading(sequence_text(s))->frames[0].role, s.frames[0].role);
+  EXPECT_THAT(role_error("{\"kind\":\"xor\",\"axis\":\"x\",\"bit\":1,\"base\":1}"), HasSubstr("base is 1"));
+  EXPECT_THAT(role_error("{\"kind\":\"xor\",\"axis\":\"x\",\"bit\":1}"), HasSubstr("'base'"));
 }
 
 TEST(SequenceError, NamesTheFrameAndWhatIsWrong) {

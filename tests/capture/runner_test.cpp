@@ -353,6 +353,54 @@ TEST(CaptureSession, SecondProcessIsToldThatTheSessionIsTaken) {
   EXPECT_TRUE(run(std::make_shared<Room>(), scratch / "s"));
 }
 
+TEST(CaptureSession, ThatGrowsIsTheSameAsOneCapturedAtOnce) {
+  fake::Scratch scratch("grows");
+  SilentProgress silent;
+  const auto room = std::make_shared<Room>();
+  ASSERT_TRUE(run(room, scratch / "whole"));
+  const auto again = std::make_shared<Room>();
+  ASSERT_TRUE(run(again, scratch / "grown", fake::rig(), silent, fake::short_sequence()));
+  CaptureOptions options = kQuick;
+  options.extend = true;
+  const Devices devices = fake::devices(again, fake::rig());
+  const auto grown = capture_session(fake::rig(), "", fake::sequence(), devices, scratch / "grown", options, silent);
+  ASSERT_TRUE(grown) << grown.error().message;
+  EXPECT_EQ(fake::tree(scratch / "grown"), fake::tree(scratch / "whole"));
+  // Not one that began otherwise.
+  Sequence other = fake::sequence();
+  std::swap(other.frames[2].role, other.frames[3].role);
+  other.frames.push_back({16, other.frames[0].role});
+  const auto differs = capture_session(fake::rig(), "", other, devices, scratch / "grown", options, silent);
+  ASSERT_FALSE(differs);
+  EXPECT_EQ(differs.error().code, ErrorCode::kExists);
+  EXPECT_EQ(fake::tree(scratch / "grown"), fake::tree(scratch / "whole"));
+}
+
+// Sinusoids look alike from far away: which of them a photo shows is told by single pixels.
+TEST(CaptureSession, ASinusoidThatIsPhotographedTooEarlyIsTakenAgain) {
+  fake::Scratch scratch("sinusoids");
+  Sequence sequence = fake::short_sequence();
+  sequence.frames.resize(2);
+  Role role;
+  role.kind = "phase", role.projector = "left", role.period_px = 7.3, role.steps = 3;
+  for (const char* axis : {"x", "y"})
+    for (role.step = 0; role.step < 3; ++role.step)
+      role.axis = axis, sequence.frames.push_back({static_cast<int>(sequence.frames.size()), role});
+  SilentProgress silent;
+  const auto room = std::make_shared<Room>();
+  ASSERT_TRUE(run(room, scratch / "right", fake::rig(), silent, sequence));
+  int retaken = 0;
+  for (int trigger = 5; trigger < room->triggers; ++trigger) {
+    const auto late = std::make_shared<Room>();
+    late->wrong[trigger] = 1;
+    const fs::path folder = scratch / std::to_string(trigger);
+    ASSERT_TRUE(run(late, folder, fake::rig(), silent, sequence)) << trigger;
+    EXPECT_EQ(fake::tree(folder), fake::tree(scratch / "right")) << trigger;
+    retaken += late->triggers > room->triggers;
+  }
+  EXPECT_GE(retaken, 5);
+}
+
 TEST(CaptureSession, AnotherRigOrSequenceOrOtherFilesAreNotOverwritten) {
   fake::Scratch scratch("exists");
   const auto expected = undisturbed(scratch / "s");

@@ -5,6 +5,7 @@
 
 #include "calib/file/file.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/coded_capture.h"
 #include "tools/job/devices.h"
 #include "tools/job/truth_files.h"
 
@@ -16,15 +17,15 @@ namespace fs = std::filesystem;
 
 struct Options {
   fs::path rig, out, photos, sequence;
-  std::string faults;
+  std::string faults, code = "auto";
   std::optional<int> samples;
   fs::path truth;
   TruthOptions truth_options;
 };
 
-Answer session_answer(const fs::path& session, std::size_t frames) {
-  return {fmt::format("session {} is complete: {} frames\nnext: countershade calibrate {} -o calibration/\n",
-                      session.string(), frames, session.string()),
+Answer session_answer(const fs::path& session, std::size_t frames, const std::string& before = "") {
+  return {before + fmt::format("session {} is complete: {} frames\nnext: countershade calibrate {} -o calibration/\n",
+                               session.string(), frames, session.string()),
           fmt::format("{{\"session\": \"{}\", \"frames\": {}}}\n", session.string(), frames)};
 }
 
@@ -68,13 +69,15 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
   if (simulate)
     for (CameraSpec& camera : rig.cameras) camera.backend = "simulated";
   CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress, std::move(faults), options.samples));
-  const Sequence sequence = capture::default_sequence(rig);
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
+  if (!options.truth.empty()) CS_TRY_VOID(check_truth(open.simulator->simulation(), options.truth_options));
+  CS_TRY(const CodedCapture captured,
+         capture_with_code(rig, simulation, options.code, open.devices, options.out, *context.progress));
   if (!options.truth.empty())
-    CS_TRY_VOID(write_truth(*open.simulator, sequence, options.truth, options.truth_options, *context.progress));
-  CS_TRY_VOID(capture::capture_session(rig, simulation, sequence, open.devices, options.out, {}, *context.progress));
+    CS_TRY_VOID(
+        write_truth(*open.simulator, captured.sequence, options.truth, options.truth_options, *context.progress));
   CS_TRY_VOID(context.record(options.out, {options.rig}));
-  return session_answer(options.out, sequence.frames.size());
+  return session_answer(options.out, captured.sequence.frames.size(), choices_text(captured));
 }
 
 Result<Answer> run_patterns(const Options& options, const Context& context) {
@@ -102,6 +105,13 @@ Result<Answer> run_import(const Options& options, const Context& context) {
   return session_answer(options.out, sequence.frames.size());
 }
 
+void add_code(CLI::App* verb, Options& options) {
+  verb->add_option("--code", options.code,
+                   "how projector pixels are told apart: auto (the cheapest that the first photos say will do), gray, "
+                   "xor-02, xor-04, micro-phase, micro-phase-9, phase")
+      ->capture_default_str();
+}
+
 CLI::App* add_verb(CLI::App& app, const char* name, const char* what, Options& options, const char* out) {
   auto* verb = app.add_subcommand(name, what);
   verb->add_option("rig", options.rig, "rig.toml")->required();
@@ -115,6 +125,7 @@ CLI::App* add_verb(CLI::App& app, const char* name, const char* what, Options& o
 void add_capture(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   auto* verb = add_verb(app, "capture", "show, photograph, store; resumes where it was stopped", *options, "session");
+  add_code(verb, *options);
   verb->callback(
       [options, &action] { action = [options](const Context& c) { return run_capture(*options, false, c); }; });
 }
@@ -123,6 +134,7 @@ void add_simulate(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   auto* verb = add_verb(app, "simulate", "capture the same rig made of light that never was ([simulation] of rig.toml)",
                         *options, "session");
+  add_code(verb, *options);
   verb->get_option("rig")->required(false);  // not for `--faults list`
   verb->add_option("--faults", options->faults, "what goes wrong: name=value@photo,...; `list` shows them all");
   verb->add_option(

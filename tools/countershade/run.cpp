@@ -3,9 +3,9 @@
 #include <chrono>
 
 #include "calib/file/file.h"
-#include "capture/session/runner.h"
 #include "tools/countershade/console.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/coded_capture.h"
 #include "tools/job/devices.h"
 #include "tools/job/self_check.h"
 #include "tools/job/verification.h"
@@ -59,9 +59,8 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   const double opened = watch.lap();
   CS_TRY(const std::vector<Finding> findings, self_check(rig, open.devices, progress));
   CS_TRY_VOID(stop_if_wrong(findings));
-  const Sequence sequence = capture::default_sequence(rig);
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
-  CS_TRY_VOID(capture::capture_session(rig, simulation, sequence, open.devices, session, {}, progress));
+  CS_TRY(const CodedCapture coded, capture_with_code(rig, simulation, "auto", open.devices, session, progress));
   const double captured = watch.lap();
   CS_TRY(const CalibrationSummary summary, calibrate(session, calibration_folder, {}, progress));
   CS_TRY_VOID(context.record(calibration_folder, {session / "sequence.json", session / "rig.toml"}));
@@ -77,21 +76,28 @@ Result<Answer> run_all(const Options& options, const Context& context) {
       "Effort",
       {"step", "photos", "seconds"},
       {{"devices opened", "", fmt::format("{:.1f}", opened)},
-       {"check and capture", fmt::format("{}", sequence.frames.size()), fmt::format("{:.1f}", captured)},
+       {"check and capture", fmt::format("{}", coded.sequence.frames.size()), fmt::format("{:.1f}", captured)},
        {"calibrate", "", fmt::format("{:.1f}", calibrated)},
        {"compensate and photograph", fmt::format("{}", photos.exposures), fmt::format("{:.1f}", photographed)}}};
+  Table codes{"Which projector pixel is it", {"projector", "code", "direct light", "forecast: lost", "why"}, {}};
+  for (const capture::CodeChoice& c : coded.choices)
+    for (const capture::CodeForecast& f : c.forecasts)
+      if (f.code == c.code)
+        codes.rows.push_back({c.projector, c.code, fmt::format("{:.0f} %", 100 * c.direct),
+                              fmt::format("{:.2f} %", 100 * f.lost), c.reason});
   Table checks{"Check before capture", {"what", "measured"}, {}};
   for (const Finding& f : findings) checks.rows.push_back({f.what, f.measured});
   const ReportContext about{fmt::format("{}, picture {}", options.rig.string(), options.picture),
                             context.options,
-                            {effort, checks},
+                            {effort, checks, codes},
                             captured,
                             calibrated + show.milliseconds / 1000};
   CS_TRY(const Verification v,
          report_verification(calibration, calibration_folder, pixels, photos, &show, about, report));
   CS_TRY_VOID(context.record(report, {calibration_folder / "calibration.json"}));
   const VerifyNumbers& n = v.numbers;
-  std::string text = fmt::format(
+  std::string text = choices_text(coded);
+  text += fmt::format(
       "{}: suppression {:.1f}x, {:.2f} -> {:.3f} % of white from the target, edge zone {:.2f} -> {:.2f} grey levels, "
       "held-out error {:.3f} % of white\n",
       v.verdict.pass ? "PASS" : "FAIL", n.all.suppression, n.all.uncompensated.mean_percent,

@@ -126,15 +126,19 @@ Result<void> write_light(const simdata::Simulator& simulator, const Sequence& se
 
 }  // namespace
 
-Result<void> write_truth(const simdata::Simulator& simulator, const Sequence& sequence, const fs::path& folder,
-                         const TruthOptions& options, Progress& progress) {
-  const auto patches =
-      static_cast<std::size_t>(options.patches[0]) * options.patches[1] * simulator.simulation().surfaces.size();
+Result<void> check_truth(const Simulation& simulation, const TruthOptions& options) {
+  const auto patches = static_cast<std::size_t>(options.patches[0]) * options.patches[1] * simulation.surfaces.size();
   if (patches > 4096)
     return error(ErrorCode::kBadValue,
                  "the truth of {} patches per surface would be a matrix of {} x {}; 4096 patches are the most: take "
                  "fewer with --truth-patches",
                  options.patches[0] * options.patches[1], patches, patches);
+  return {};
+}
+
+Result<void> write_truth(const simdata::Simulator& simulator, const Sequence& sequence, const fs::path& folder,
+                         const TruthOptions& options, Progress& progress) {
+  CS_TRY_VOID(check_truth(simulator.simulation(), options));
   return create_folder_atomically(folder, [&](const fs::path& draft) -> Result<void> {
     for (std::size_t c = 0; c < simulator.rig().cameras.size(); ++c)
       CS_TRY_VOID(write_geometry(simulator, static_cast<int>(c), draft));

@@ -16,6 +16,9 @@ struct TruthOptions {
   bool light = false;                  // direct and indirect images of every frame, too
 };
 
+// Error: kBadValue: more than 4096 patches.
+Result<void> check_truth(const Simulation& simulation, const TruthOptions& options);
+
 // Writes a folder of that name, which must not exist yet (kExists):
 //   CAMERA.exr             depth [m], nx ny nz, ar ag ab (albedo), surface, u, v per camera pixel centre
 //   CAMERA-PROJECTOR.exr   x, y: projector pixel, NaN where it does not light the point
@@ -24,7 +27,7 @@ struct TruthOptions {
 //   DEVICE.cameramodel     every device, with its place
 //   devices.json           camera scales; reference irradiance; simulation.toml: every parameter
 //   light/CAMERA/NNNN.exr  on request: direct and indirect light (dr dg db, ir ig ib) of every frame, before optics
-// kBadValue: more than 4096 patches.
+// Errors: check_truth.
 Result<void> write_truth(const simdata::Simulator& simulator, const Sequence& sequence,
                          const std::filesystem::path& folder, const TruthOptions& options, Progress& progress);
 
