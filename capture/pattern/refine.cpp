@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <optional>
 
@@ -14,26 +15,56 @@ namespace countershade::capture {
 
 namespace {
 
-constexpr int kRadius = 3, kSide = 2 * kRadius + 1, kArea = kSide * kSide;
+constexpr int kRadius = 3, kSide = 2 * kRadius + 1;
 constexpr int kFewest = 10;  // readings in a window that can support anything
+constexpr int kStride = 8;   // floats in a row of a window: the last one is never a reading
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+
+// Eight floats at once; comparisons give masks of all bits (GCC and Clang).
+using Row = float __attribute__((vector_size(4 * kStride)));
+using RowMask = std::int32_t __attribute__((vector_size(4 * kStride)));
+constexpr Row kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
+
+Row masked(RowMask mask, Row values) {
+  return std::bit_cast<Row>(mask & std::bit_cast<RowMask>(values));
+}
+float sum(Row r) {
+  float s = 0;
+  for (int i = 0; i < kStride; ++i) s += r[i];
+  return s;
+}
+Row all(float v) {
+  return Row{} + v;
+}
 
 // The readings of one window, NaN where there is none.
 struct Window {
-  std::array<float, kArea> value;
+  std::array<Row, kSide> rows;
   int count = 0;
+  float value(int line, int column) const { return rows[line][column]; }
 };
 
 Window window_at(const Image& q, int x, int y) {
   Window w;
-  w.value.fill(std::numeric_limits<float>::quiet_NaN());
-  const int x0 = std::max(0, x - kRadius), x1 = std::min(q.width() - 1, x + kRadius);
-  for (int ny = std::max(0, y - kRadius); ny <= std::min(q.height() - 1, y + kRadius); ++ny)
-    for (int nx = x0; nx <= x1; ++nx) {
-      const float value = q.row(ny)[nx];
-      if (!std::isfinite(value)) continue;
-      w.value[(ny - y + kRadius) * kSide + nx - x + kRadius] = value;
-      ++w.count;
+  const bool inside = x >= kRadius && x + kRadius + 1 < q.width();
+  RowMask finite{};
+  for (int line = 0; line < kSide; ++line) {
+    Row row = all(kNaN);
+    const int ny = y + line - kRadius;
+    if (ny >= 0 && ny < q.height()) {
+      const float* from = q.row(ny) + x - kRadius;
+      if (inside) {
+        std::memcpy(&row, from, sizeof row);
+        row[kSide] = kNaN;
+      } else {
+        for (int column = 0; column < kSide; ++column)
+          if (x + column - kRadius >= 0 && x + column - kRadius < q.width()) row[column] = from[column];
+      }
     }
+    w.rows[line] = row;
+    finite += row == row;  // -1 each
+  }
+  for (int i = 0; i < kStride; ++i) w.count -= finite[i];
   return w;
 }
 
@@ -43,16 +74,16 @@ float median(std::array<float, N>& values, int count) {
   return values[count / 2];
 }
 
-// Median slope along one direction, from pairs of readings as far apart as the window has enough of: at the border of
-// the photo or of a surface only one side of it is there. stride: 1 along x, kSide along y.
-std::optional<float> slope(const Window& w, int stride, int across) {
+// Median slope along the rows or the columns of a window, from pairs of readings as far apart as it has enough of: at
+// the border of the photo or of a surface only one side of it is there.
+std::optional<float> slope(const Window& w, bool along_rows) {
   std::array<float, 4 * kSide> slopes{};
   int count = 0;
   for (int reach = kSide - 1; reach >= kRadius && count < kSide; --reach)
     for (int line = 0; line < kSide; ++line)
       for (int start = 0; start + reach < kSide; ++start) {
-        const float low = w.value[line * across + start * stride],
-                    high = w.value[line * across + (start + reach) * stride];
+        const float low = along_rows ? w.value(line, start) : w.value(start, line),
+                    high = along_rows ? w.value(line, start + reach) : w.value(start + reach, line);
         if (std::isfinite(low) && std::isfinite(high) && count < static_cast<int>(slopes.size()))
           slopes[count++] = (high - low) / static_cast<float>(reach);
       }
@@ -60,15 +91,43 @@ std::optional<float> slope(const Window& w, int stride, int across) {
   return median(slopes, count);
 }
 
+// Slopes of the middles of 4 x 4 pixels, NaN where their windows have none: surfaces are smooth, so the pixels around
+// share them. A pixel whose block has none is asked itself.
+constexpr int kBlock = 4;
+struct Slopes {
+  Image x, y;
+
+  explicit Slopes(const Image& q)
+      : x(q.width() / kBlock + 1, q.height() / kBlock + 1, 1, kNaN), y(x.width(), x.height(), 1, kNaN) {
+    parallel_for(x.height(), [&](int by) {
+      for (int bx = 0; bx < x.width(); ++bx) {
+        const Window w = window_at(q, std::min(q.width() - 1, bx * kBlock + kBlock / 2),
+                                   std::min(q.height() - 1, by * kBlock + kBlock / 2));
+        if (w.count < kSide * kSide * 3 / 4) continue;  // beside an edge every pixel has its own
+        if (const auto gx = slope(w, true)) x.at(bx, by) = *gx;
+        if (const auto gy = slope(w, false)) y.at(bx, by) = *gy;
+      }
+    });
+  }
+  // Of the pixel's window; false where there is none.
+  bool of(const Window& w, int px, int py, float& gx, float& gy) const {
+    gx = x.at(px / kBlock, py / kBlock), gy = y.at(px / kBlock, py / kBlock);
+    if (std::isfinite(gx) && std::isfinite(gy)) return true;
+    const auto own_x = slope(w, true), own_y = slope(w, false);
+    if (!own_x || !own_y) return false;
+    gx = *own_x, gy = *own_y;
+    return true;
+  }
+};
+
 // Where the window's readings put its centre: their median once the slopes are taken off.
 float centre_of(const Window& w, float gx, float gy) {
-  std::array<float, kArea> level{};
+  std::array<float, kSide * kSide> level{};
   int count = 0;
-  for (int dy = -kRadius; dy <= kRadius; ++dy)
-    for (int dx = -kRadius; dx <= kRadius; ++dx) {
-      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
-      if (std::isfinite(value)) level[count++] = value - gx * static_cast<float>(dx) - gy * static_cast<float>(dy);
-    }
+  for (int line = 0; line < kSide; ++line)
+    for (int column = 0; column < kSide; ++column)
+      if (const float value = w.value(line, column); std::isfinite(value))
+        level[count++] = value - gx * static_cast<float>(column - kRadius) - gy * static_cast<float>(line - kRadius);
   return median(level, count);
 }
 
@@ -86,18 +145,24 @@ struct Sums {
 
 Sums sum_up(const Window& w, float centre, float gx, float gy, float cell) {
   // Neighbours may round to either side, and borders read half a cell.
-  const float reach = 1.6f * cell;
+  const Row reach = all(1.6f * cell), half = all(0.5f * (cell - 1)), per_cell = all(1 / cell);
+  const Row across = all(centre) + gx * kColumn;
+  Row n{}, r{}, rr{}, ny{}, nyy{}, ry{}, edges{};
+  for (int line = 0; line < kSide; ++line) {
+    const auto dy = static_cast<float>(line - kRadius);
+    const Row value = w.rows[line], off = value - (across + dy * gy);
+    const RowMask agrees = (off <= reach) & (off >= -reach);  // NaN never agrees
+    const Row one = masked(agrees, all(1)), residual = masked(agrees, off);
+    const Row in_cells = masked(agrees, (value - half) * per_cell);
+    const Row away = in_cells - __builtin_convertvector(__builtin_convertvector(in_cells + 0.5f, RowMask), Row);
+    edges += masked((away > 0.25f) | (away < -0.25f), one);  // coordinates are beyond -1: truncation rounds
+    n += one, ny += dy * one, nyy += dy * dy * one;
+    r += residual, ry += dy * residual, rr += residual * residual;
+  }
   Sums s;
-  for (int dy = -kRadius; dy <= kRadius; ++dy)
-    for (int dx = -kRadius; dx <= kRadius; ++dx) {
-      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
-      const double r = value - (centre + gx * static_cast<float>(dx) + gy * static_cast<float>(dy));
-      if (!(std::abs(r) <= reach)) continue;  // NaN never agrees
-      const float in_cells = (value - 0.5f * (cell - 1)) / cell;
-      s.edges += std::abs(in_cells - std::round(in_cells)) > 0.25f;
-      s.n += 1, s.x += dx, s.y += dy, s.xx += dx * dx, s.xy += dx * dy, s.yy += dy * dy;
-      s.r += r, s.xr += dx * r, s.yr += dy * r, s.rr += r * r;
-    }
+  s.n = sum(n), s.x = sum(n * kColumn), s.xx = sum(n * kColumn * kColumn);
+  s.y = sum(ny), s.xy = sum(ny * kColumn), s.yy = sum(nyy);
+  s.r = sum(r), s.xr = sum(r * kColumn), s.yr = sum(ry), s.rr = sum(rr), s.edges = sum(edges);
   return s;
 }
 
@@ -138,18 +203,16 @@ bool confirmed(float q, std::uint32_t code, std::uint32_t uncertain, const AxisR
 
 // A reading or the completion of one; nothing but the reason where it fails.
 struct Refined {
-  float q = std::numeric_limits<float>::quiet_NaN(), sigma = 0;
+  float q = kNaN, sigma = 0;
   float scale = 0;  // projector px per camera px
   Reason reason = Reason::kAccepted;
 };
 
-Refined refine_reading(const Window& w, float read, float cell) {
-  const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
-  if (w.count < kFewest || !gx || !gy) return {.reason = Reason::kIsolated};
-  const Plane plane = fit(w, read, *gx, *gy, cell);
+Refined refine_reading(const Window& w, float read, float gx, float gy, float cell) {
+  const Plane plane = fit(w, read, gx, gy, cell);
   if (plane.agree < 6 || plane.agree < 0.3 * w.count) return {.reason = Reason::kInconsistent};
   // A line of pixels supports it but spans no plane: the reading stays.
-  const float scale = std::hypot(*gx, *gy);
+  const float scale = std::sqrt(gx * gx + gy * gy);
   if (plane.sigma <= 0) return {read, 0.29f * cell, scale, Reason::kAccepted};
   return {plane.value, plane.sigma, scale, Reason::kAccepted};
 }
@@ -165,18 +228,16 @@ bool on_base_edge(float q, const AxisReading& reading) {
          1;
 }
 
-Refined complete(const Window& w, std::size_t i, const AxisReading& reading) {
+Refined complete(const Window& w, float gx, float gy, std::size_t i, const AxisReading& reading) {
   const Refined rejected{.reason = Reason::kUncertainBit};
   const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
-  if (w.count < kFewest || (!edge && 2 * std::popcount(reading.uncertain[i]) > reading.bits)) return rejected;
-  const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
-  if (!gx || !gy) return rejected;
+  if (!edge && 2 * std::popcount(reading.uncertain[i]) > reading.bits) return rejected;
   const auto cell = static_cast<float>(reading.cell_px);
-  const Plane plane = fit(w, centre_of(w, *gx, *gy), *gx, *gy, cell);
+  const Plane plane = fit(w, centre_of(w, gx, gy), gx, gy, cell);
   if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
   if (edge && !on_base_edge(plane.value, reading)) return rejected;
   if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
-  return {plane.value, plane.sigma, std::hypot(*gx, *gy), Reason::kAccepted};
+  return {plane.value, plane.sigma, std::sqrt(gx * gx + gy * gy), Reason::kAccepted};
 }
 
 // How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
@@ -194,17 +255,23 @@ float pull_of_surroundings(const Image& contrast, int x, int y) {
 
 void refine_by_neighbours(AxisReading& reading) {
   const Image raw = reading.q;
+  const Slopes slopes(raw);
+  const auto cell = static_cast<float>(reading.cell_px);
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
       const auto reason = static_cast<Reason>(reading.reason.data()[i]);
       if (reason != Reason::kAccepted && reason != Reason::kUncertainBit) continue;
       const Window w = window_at(raw, x, y);
-      const Refined refined = reason == Reason::kAccepted
-                                  ? refine_reading(w, raw.at(x, y), static_cast<float>(reading.cell_px))
-                                  : complete(w, i, reading);
+      float gx = 0, gy = 0;
+      const bool supported = w.count >= kFewest && slopes.of(w, x, y, gx, gy);
+      const bool read = reason == Reason::kAccepted;
+      const Refined refined = !supported ? Refined{.reason = read ? Reason::kIsolated : Reason::kUncertainBit}
+                              : read     ? refine_reading(w, raw.at(x, y), gx, gy, cell)
+                                         : complete(w, gx, gy, i, reading);
       reading.q.data()[i] = refined.q;
-      reading.sigma.data()[i] = std::hypot(refined.sigma, refined.scale * pull_of_surroundings(reading.contrast, x, y));
+      const float pull = refined.scale * pull_of_surroundings(reading.contrast, x, y);
+      reading.sigma.data()[i] = std::sqrt(refined.sigma * refined.sigma + pull * pull);
       reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
     }
   });
@@ -214,13 +281,15 @@ namespace {
 
 // How many of a window's readings agree with one at its centre.
 int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
-  int agree = 0;
-  for (int dy = -kRadius; dy <= kRadius; ++dy)
-    for (int dx = -kRadius; dx <= kRadius; ++dx) {
-      const float value = w.value[(dy + kRadius) * kSide + dx + kRadius];
-      agree += std::abs(value - (centre + gx * static_cast<float>(dx) + gy * static_cast<float>(dy))) <= reach;
-    }
-  return agree;
+  const Row across = all(centre) + gx * kColumn;
+  RowMask agree{};
+  for (int line = 0; line < kSide; ++line) {
+    const Row off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
+    agree += (off <= reach) & (off >= -reach);  // -1 each
+  }
+  int count = 0;
+  for (int i = 0; i < kStride; ++i) count -= agree[i];
+  return count;
 }
 
 }  // namespace
@@ -229,7 +298,8 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   const Image raw = reading.q;
   Image judges = raw;  // doubtful readings judge only where there are hardly others
   for (std::size_t i = 0; i < judges.data().size(); ++i)
-    if (reading.reason.data()[i]) judges.data()[i] = std::numeric_limits<float>::quiet_NaN();
+    if (reading.reason.data()[i]) judges.data()[i] = kNaN;
+  const Slopes slopes(judges);
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
@@ -237,16 +307,16 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
       const bool certain = std::isfinite(judges.data()[i]);
       Window w = window_at(judges, x, y);
       if (w.count < 2 * kFewest) w = window_at(raw, x, y);
-      const auto gx = slope(w, 1, kSide), gy = slope(w, kSide, 1);
       Reason why = Reason::kIsolated;
-      if (w.count >= kFewest && gx && gy) {
+      float gx = 0, gy = 0;
+      if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {
         // Surfaces bend and pixels are noisy; another way to unwrap is many pixels away.
         const float reach = std::max(1.5f, 5 * reading.sigma.data()[i]);
         const float least = certain ? 0.3f : 0.7f;
         why = certain ? Reason::kInconsistent : Reason::kUncertainBit;
         for (const float q : {raw.data()[i], other.data()[i]}) {
           if (!std::isfinite(q)) continue;
-          const int agree = agreeing(w, q, *gx, *gy, reach);
+          const int agree = agreeing(w, q, gx, gy, reach);
           if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
           reading.q.data()[i] = q, why = Reason::kAccepted;
           break;
@@ -256,7 +326,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
     }
   });
   for (std::size_t i = 0; i < reading.q.data().size(); ++i)
-    if (reading.reason.data()[i]) reading.q.data()[i] = std::numeric_limits<float>::quiet_NaN();
+    if (reading.reason.data()[i]) reading.q.data()[i] = kNaN;
 }
 
 }  // namespace countershade::capture
