@@ -60,8 +60,8 @@ Result<void> check_counts(const Board& b, const std::string& text) {
                  b.kind == BoardKind::kChessboard ? "inner corners" : "squares", kLeast, kMostSquares);
   const int most = b.kind == BoardKind::kAprilTag ? kMostTags : 1000;
   if (b.markers() > most)
-    return error(ErrorCode::kBadValue, "board '{}' needs {} markers, its family has {}; take fewer, larger squares", text,
-                 b.markers(), most);
+    return error(ErrorCode::kBadValue, "board '{}' needs {} markers, its family has {}; take fewer, larger squares",
+                 text, b.markers(), most);
   return {};
 }
 
@@ -70,13 +70,13 @@ Result<void> parse_marker(const std::vector<std::string>& parts, Board& b, const
   if (parts.size() > 3) b.marker = parse_length(parts[3]);
   if (!(b.marker > 0.2 * b.square && b.marker < 0.95 * b.square))
     return error(ErrorCode::kBadValue,
-                 "board '{}': marker edge '{}' must be a length between .2 and .95 of the square's, such as {:g}mm", text,
-                 parts.size() > 3 ? parts[3] : "", 750 * b.square);
+                 "board '{}': marker edge '{}' must be a length between .2 and .95 of the square's, such as {:g}mm",
+                 text, parts.size() > 3 ? parts[3] : "", 750 * b.square);
   if (b.kind == BoardKind::kCharuco && parts.size() > 4) {
     int bits[2] = {0, 0};
     if (!parse_pair(parts[4], bits) || bits[0] != bits[1] || bits[0] < 4 || bits[0] > 6)
-      return error(ErrorCode::kBadValue, "board '{}': markers '{}' must be 4x4, 5x5 or 6x6 (ArUco's dictionaries)", text,
-                   parts[4]);
+      return error(ErrorCode::kBadValue, "board '{}': markers '{}' must be 4x4, 5x5 or 6x6 (ArUco's dictionaries)",
+                   text, parts[4]);
     b.marker_bits = bits[0];
   }
   return {};
@@ -101,7 +101,8 @@ std::vector<std::uint8_t> aruco_bits(const Board& board, int& side) {
   const int first = board.marker_bits == 4   ? cv::aruco::DICT_4X4_50
                     : board.marker_bits == 5 ? cv::aruco::DICT_5X5_50
                                              : cv::aruco::DICT_6X6_50;
-  const auto dictionary = cv::aruco::getPredefinedDictionary(first + 3);  // 1000 codes; the smaller ones begin as it does
+  const auto dictionary =
+      cv::aruco::getPredefinedDictionary(first + 3);  // 1000 codes; the smaller ones begin as it does
   std::vector<std::uint8_t> bits;
   for (int id = 0; id < board.markers(); ++id) {
     const cv::Mat code = cv::aruco::Dictionary::getBitsFromByteList(dictionary->bytesList.row(id), board.marker_bits);
@@ -137,8 +138,8 @@ Result<Board> parse_board(const std::string& text) {
   Board board;
   const auto kind = std::find(kKinds.begin(), kKinds.end(), parts[0]);
   if (kind == kKinds.end())
-    return error(ErrorCode::kBadValue, "board '{}': there is no kind '{}', the nearest is '{}'; kinds: {}", text, parts[0],
-                 nearest(parts[0], kKinds), fmt::join(kKinds, ", "));
+    return error(ErrorCode::kBadValue, "board '{}': there is no kind '{}', the nearest is '{}'; kinds: {}", text,
+                 parts[0], nearest(parts[0], kKinds), fmt::join(kKinds, ", "));
   board.kind = static_cast<BoardKind>(kind - kKinds.begin());
   int counts[2] = {0, 0};
   const std::size_t most_parts = board.kind == BoardKind::kCharuco ? 5 : board.kind == BoardKind::kAprilTag ? 4 : 3;
@@ -175,8 +176,8 @@ BoardPattern::Cell BoardPattern::cell(int column, int row, int& marker) const {
 
 bool BoardPattern::dark(const Eigen::Vector2d& x) const {
   int marker = 0;
-  const Cell found =
-      cell(static_cast<int>(std::floor(x.x() / board_.square)), static_cast<int>(std::floor(x.y() / board_.square)), marker);
+  const Cell found = cell(static_cast<int>(std::floor(x.x() / board_.square)),
+                          static_cast<int>(std::floor(x.y() / board_.square)), marker);
   if (found != Cell::kMarker) return found == Cell::kBlack;
   const Eigen::Vector2d inside = (x - board_.marker_corner(marker)) / board_.marker * side_;
   const int i = static_cast<int>(std::floor(inside.x())), j = static_cast<int>(std::floor(inside.y()));
@@ -197,7 +198,8 @@ std::vector<Rectangle> BoardPattern::dark_rectangles() const {
         for (int x = 0; x < side_; ++x) {
           int end = x;
           while (end < side_ && bit(marker, end, y)) ++end;
-          if (end > x) all.push_back({corner + pixel * Eigen::Vector2d(x, y), corner + pixel * Eigen::Vector2d(end, y + 1)});
+          if (end > x)
+            all.push_back({corner + pixel * Eigen::Vector2d(x, y), corner + pixel * Eigen::Vector2d(end, y + 1)});
           x = end;
         }
     }

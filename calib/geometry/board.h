@@ -14,15 +14,15 @@ namespace countershade {
 enum class BoardKind { kChessboard, kAprilTag, kCharuco };
 
 // chessboard: columns x rows inner corners. apriltag, charuco: a chessboard of columns x rows squares, the top left one
-// black, with markers in the white ones, numbered row by row: AprilTags of the family 36h11, or ArUco markers (as OpenCV
-// 4.6 and later draws a ChArUco board). Their points are the inner corners too: saddles of the brightness, which can be
-// placed better than the corners of a marker; markers say which is which where only a part of the board is seen.
+// black, with markers in the white ones, numbered row by row: AprilTags of the family 36h11, or ArUco markers (as
+// OpenCV 4.6 and later draws a ChArUco board). Their points are the inner corners too: saddles of the brightness, which
+// can be placed better than the corners of a marker; markers say which is which where only a part of the board is seen.
 struct Board {
   BoardKind kind = BoardKind::kAprilTag;
   int columns = 10, rows = 7;
-  double square = 0.025;   // m: edge of a square
+  double square = 0.025;    // m: edge of a square
   double marker = 0.01875;  // m: edge of a marker's black border; no meaning for a chessboard
-  int marker_bits = 5;     // charuco: 4, 5 or 6, the ArUco dictionary
+  int marker_bits = 5;      // charuco: 4, 5 or 6, the ArUco dictionary
 
   // "apriltag:10x7:25mm", "chessboard:9x7:75mm", "charuco:8x6:40mm:30mm:5x5" (markers: 3/4 of the square, 5x5 unless
   // given); parse_board reads what name writes.
@@ -65,8 +65,8 @@ class BoardPattern {
   }
 
   Board board_;
-  int side_ = 0;  // bits along a marker's edge, its black border included
-  std::vector<std::uint8_t> bits_;      // 1 = black
+  int side_ = 0;                    // bits along a marker's edge, its black border included
+  std::vector<std::uint8_t> bits_;  // 1 = black
 };
 
 }  // namespace countershade

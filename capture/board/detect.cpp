@@ -65,9 +65,7 @@ Markers find_tags(const cv::Mat& grey) {
 }
 
 Markers find_aruco(const cv::Mat& grey, int bits) {
-  const int first = bits == 4   ? cv::aruco::DICT_4X4_50
-                    : bits == 5 ? cv::aruco::DICT_5X5_50
-                                : cv::aruco::DICT_6X6_50;
+  const int first = bits == 4 ? cv::aruco::DICT_4X4_50 : bits == 5 ? cv::aruco::DICT_5X5_50 : cv::aruco::DICT_6X6_50;
   std::vector<std::vector<cv::Point2f>> corners;
   std::vector<int> ids;
   cv::aruco::detectMarkers(grey, cv::aruco::getPredefinedDictionary(first + 3), corners, ids);
@@ -137,6 +135,17 @@ int columns_seen(Board board, const Markers& markers) {
   return best;
 }
 
+// Edge of the markers that explains best where they lie, in steps of 1/20 of the square.
+double marker_seen(Board board, const Markers& markers) {
+  double best = board.marker, least = std::numeric_limits<double>::infinity();
+  for (int share = 8; share < 19; ++share) {
+    board.marker = share * board.square / 20;
+    const double distance = median_distance(board, markers);
+    if (distance < least) least = distance, best = board.marker;
+  }
+  return best;
+}
+
 std::string other_grid(const Board& board, const Markers& markers) {
   const int columns = markers.size() >= 4 ? columns_seen(board, markers) : 0;
   if (columns == 0 || columns == board.columns)
@@ -201,10 +210,10 @@ Detection from_markers(const cv::Mat& grey, const Board& board, Markers markers)
   const std::size_t all = markers.size();
   std::erase_if(markers, [&](const auto& m) { return m.first >= board.markers(); });
   if (markers.size() < 2) {
-    result.reason = all == 0 ? fmt::format("no marker of {} was seen; is the board in the picture, sharp and lit?",
-                                           board.name())
-                             : fmt::format("{} markers were seen, of which {} belong to {}; is this another board?", all,
-                                           markers.size(), board.name());
+    result.reason =
+        all == 0 ? fmt::format("no marker of {} was seen; is the board in the picture, sharp and lit?", board.name())
+                 : fmt::format("{} markers were seen, of which {} belong to {}; is this another board?", all,
+                               markers.size(), board.name());
     return result;
   }
   const auto distances = distances_from_plane(board, markers);
@@ -233,19 +242,18 @@ Detection from_markers(const cv::Mat& grey, const Board& board, Markers markers)
     result.reason = small > result.seen
                         ? "the markers are too small in the picture to place their corners (16 pixels a square are "
                           "needed); go nearer"
-                        : fmt::format("only {} of {} points were seen, {} are needed; show more of the board", result.seen,
-                                      board.points(), kLeastPoints);
+                        : fmt::format("only {} of {} points were seen, {} are needed; show more of the board",
+                                      result.seen, board.points(), kLeastPoints);
   return result;
 }
 
-constexpr int kFast = cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_ACCURACY;
+constexpr int kFast = cv::CALIB_CB_NORMALIZE_IMAGE;  // refined below, hence without CALIB_CB_ACCURACY
 
 // A chessboard of any size: columns, rows; {0, 0} if there is none.
 std::array<int, 2> chessboard_size(const cv::Mat& grey) {
   std::vector<cv::Point2f> corners;
   cv::Mat meta;
-  const cv::Mat& small = grey;
-  if (!cv::findChessboardCornersSB(small, {3, 3}, corners,
+  if (!cv::findChessboardCornersSB(grey, {3, 3}, corners,
                                    cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_LARGER, meta))
     return {0, 0};
   return {meta.cols, meta.rows};
@@ -260,14 +268,17 @@ Detection find_chessboard(const cv::Mat& grey, const Board& board) {
                  cv::findChessboardCornersSB(grey, size, corners, kFast | cv::CALIB_CB_EXHAUSTIVE);
   if (!result.found) {
     const auto [columns, rows] = chessboard_size(grey);
-    const bool same = (columns == board.columns && rows == board.rows) || (columns == board.rows && rows == board.columns);
+    const bool same =
+        (columns == board.columns && rows == board.rows) || (columns == board.rows && rows == board.columns);
     result.reason = columns && !same
-                        ? fmt::format("another board size was found: {}x{} inner corners, not {}x{}; correct --board, or "
-                                      "show the whole board",
-                                      columns, rows, board.columns, board.rows)
-                        : fmt::format("no chessboard of {}x{} inner corners was seen whole; are all squares in the picture, "
-                                      "sharp and lit, with a white margin?",
-                                      board.columns, board.rows);
+                        ? fmt::format(
+                              "another board size was found: {}x{} inner corners, not {}x{}; correct --board, or "
+                              "show the whole board",
+                              columns, rows, board.columns, board.rows)
+                        : fmt::format(
+                              "no chessboard of {}x{} inner corners was seen whole; are all squares in the picture, "
+                              "sharp and lit, with a white margin?",
+                              board.columns, board.rows);
     return result;
   }
   for (int i = 0; i < board.points(); ++i) {
@@ -293,19 +304,28 @@ Detection detect_board(const Image& photo, const Board& board) {
 
 std::optional<Board> recognise_board(const Image& photo) {
   const cv::Mat grey = grey8(photo);
-  const Markers tags = find_tags(grey);
-  Board board;
-  if (tags.size() >= 4) {
-    board.columns = columns_seen(board, tags);
-    if (board.columns == 0) return std::nullopt;
-    board.rows = std::max(3, 2 * (tags.rbegin()->first / board.columns + 1));
-    return board;
+  Board best;
+  Markers most = find_tags(grey);
+  for (int bits : {4, 5, 6}) {
+    const Markers markers = find_aruco(grey, bits);
+    if (markers.size() <= most.size()) continue;
+    most = markers;
+    best.kind = BoardKind::kCharuco, best.marker_bits = bits;
   }
-  board.kind = BoardKind::kChessboard;
+  if (most.size() >= 4) {
+    best.columns = columns_seen(best, most);
+    if (best.columns == 0) return std::nullopt;
+    const int last = most.rbegin()->first, rest = last % best.columns;
+    best.rows = std::max(3, 2 * (last / best.columns) + (rest >= best.columns / 2 ? 2 : 1));
+    if (best.kind == BoardKind::kCharuco) best.marker = marker_seen(best, most);
+    return best;
+  }
+  best = {};
+  best.kind = BoardKind::kChessboard;
   const auto [columns, rows] = chessboard_size(grey);
   if (columns == 0) return std::nullopt;
-  board.columns = std::max(columns, rows), board.rows = std::min(columns, rows);
-  return board;
+  best.columns = std::max(columns, rows), best.rows = std::min(columns, rows);
+  return best;
 }
 
 }  // namespace countershade::capture

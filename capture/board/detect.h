@@ -13,9 +13,9 @@ namespace countershade::capture {
 
 struct Detection {
   bool found = false;
-  std::string reason;                   // why not, as a sentence: what was seen instead, and the remedy
-  std::vector<Eigen::Vector2d> q_px;    // one per point of the board; NaN where it was not seen
-  int seen = 0;                         // points
+  std::string reason;                 // why not, as a sentence: what was seen instead, and the remedy
+  std::vector<Eigen::Vector2d> q_px;  // one per point of the board; NaN where it was not seen
+  int seen = 0;                       // points
 };
 
 // photo: any scale, 1 or 3 channels. Chessboards by their sectors (Duda & Frese 2018, OpenCV's
@@ -25,8 +25,8 @@ struct Detection {
 Detection detect_board(const Image& photo, const Board& board);
 inline constexpr int kLeastPoints = 12;
 
-// A board in a photo of an unknown one: a chessboard, or an AprilTag grid as we print it (its rows as far as they are
-// seen; ChArUco must be stated). square: 1/40 m, what we print; lenses do not depend on it.
+// A board in a photo of an unknown one: markers tell its kind, its columns, its rows as far as they are seen, and the
+// share of a square that they take. square: 25 mm, what we print; lenses do not depend on it.
 std::optional<Board> recognise_board(const Image& photo);
 
 }  // namespace countershade::capture

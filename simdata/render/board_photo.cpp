@@ -51,7 +51,8 @@ Image BoardCamera::photo(const BoardPattern& pattern, const Pose& camera_from_bo
         Random jitter(mix(photo_seed ^ (static_cast<std::uint64_t>(y) << 32 | static_cast<std::uint64_t>(x))));
         sum = 0;
         for (int k = 0; k < n * n; ++k)
-          sum += at((k % n + jitter.uniform()) / n, (k / n + jitter.uniform()) / n);  // NOLINT(bugprone-integer-division)
+          sum +=
+              at((k % n + jitter.uniform()) / n, (k / n + jitter.uniform()) / n);  // NOLINT(bugprone-integer-division)
       }
       light.at(x, y) = static_cast<float>(sum / (n * n));
     }
@@ -71,7 +72,8 @@ Pose board_pose(const Board& board, const Lens& lens, double fill, double most_t
     pose.rotation = rotation_from_vector({0, 0, random.uniform(-0.5, 0.5)}) *
                     rotation_from_vector({tilt * std::cos(direction), tilt * std::sin(direction), 0});
     const double distance = focal * last.norm() / (fill * side) * random.uniform(0.8, 1.25);
-    const Eigen::Vector3d ray = lens.unproject({random.uniform(0, lens.width() - 1), random.uniform(0, lens.height() - 1)});
+    const Eigen::Vector3d ray =
+        lens.unproject({random.uniform(0, lens.width() - 1), random.uniform(0, lens.height() - 1)});
     pose.translation = distance * ray / ray.z() - pose.rotation * centre;
     bool whole = true;
     for (int i = 0; i < board.points() && whole; ++i) whole = lens.contains(lens.project(pose * board.point(i)));

@@ -34,7 +34,8 @@ Errors errors_of(const Detection& found, const Board& board, const Pose& pose, c
   Errors errors;
   double squares = 0;
   // A chessboard of odd counts looks the same upside down: either numbering is right.
-  const bool turned = board.kind == BoardKind::kChessboard && (found.q_px[0] - lens.project(pose * board.point(0))).norm() > 50;
+  const bool turned =
+      board.kind == BoardKind::kChessboard && (found.q_px[0] - lens.project(pose * board.point(0))).norm() > 50;
   for (int i = 0; i < board.points(); ++i) {
     if (!std::isfinite(found.q_px[i].x())) continue;
     const Eigen::Vector2d off = found.q_px[i] - lens.project(pose * board.point(turned ? board.points() - 1 - i : i));
@@ -60,7 +61,8 @@ TEST_P(BoardDetection, IsSubpixelUnderPerspectiveDistortionBlurAndNoise) {
   const Detection found = detect_board(photo, board);
   ASSERT_TRUE(found.found) << found.reason;
   const Errors e = errors_of(found, board, pose, camera.lens());
-  printf("%s seen %d/%d rms %.4f worst %.4f mean %.4f %.4f\n", GetParam(), e.seen, board.points(), e.rms, e.worst, e.mean.x(), e.mean.y());
+  printf("%s seen %d/%d rms %.4f worst %.4f mean %.4f %.4f\n", GetParam(), e.seen, board.points(), e.rms, e.worst,
+         e.mean.x(), e.mean.y());
   EXPECT_EQ(e.seen, found.seen);
   EXPECT_GE(e.seen, 0.95 * board.points());
   EXPECT_LT(e.rms, 0.08);
@@ -68,7 +70,9 @@ TEST_P(BoardDetection, IsSubpixelUnderPerspectiveDistortionBlurAndNoise) {
 
 INSTANTIATE_TEST_SUITE_P(AllKinds, BoardDetection,
                          ::testing::Values("chessboard:9x7:20mm", "apriltag:9x7:22mm", "charuco:9x7:22mm"),
-                         [](const auto& info) { return std::string(info.param).substr(0, std::string(info.param).find(':')); });
+                         [](const auto& info) {
+                           return std::string(info.param).substr(0, std::string(info.param).find(':'));
+                         });
 
 }  // namespace
 }  // namespace countershade::capture

@@ -37,8 +37,8 @@ int run(int argc, char** argv) {
   bool as_json = false;
   app.add_flag("--json", as_json, "answer as one JSON document on stdout, progress as JSON lines on stderr");
   Action action;
-  for (auto add : {add_new, add_devices, add_check, add_patterns, add_capture, add_import, add_simulate, add_calibrate,
-                   add_compensate, add_play, add_verify, add_run})
+  for (auto add : {add_new, add_devices, add_check, add_patterns, add_capture, add_import, add_simulate, add_lens,
+                   add_calibrate, add_compensate, add_play, add_verify, add_run})
     add(app, action);
   try {
     app.parse(argc, argv);

@@ -44,6 +44,7 @@ void add_patterns(CLI::App& app, Action& action);
 void add_capture(CLI::App& app, Action& action);
 void add_import(CLI::App& app, Action& action);
 void add_simulate(CLI::App& app, Action& action);
+void add_lens(CLI::App& app, Action& action);
 void add_calibrate(CLI::App& app, Action& action);
 void add_compensate(CLI::App& app, Action& action);
 void add_play(CLI::App& app, Action& action);

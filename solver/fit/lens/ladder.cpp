@@ -42,7 +42,8 @@ double beta_fraction(double a, double b, double x) {
 double incomplete_beta(double a, double b, double x) {
   if (x <= 0) return 0;
   if (x >= 1) return 1;
-  const double front = std::exp(std::lgamma(a + b) - std::lgamma(a) - std::lgamma(b) + a * std::log(x) + b * std::log1p(-x));
+  const double front =
+      std::exp(std::lgamma(a + b) - std::lgamma(a) - std::lgamma(b) + a * std::log(x) + b * std::log1p(-x));
   return x < (a + 1) / (a + b + 2) ? front * beta_fraction(a, b, x) / a : 1 - front * beta_fraction(b, a, 1 - x) / b;
 }
 
@@ -175,19 +176,21 @@ std::string reason_of(const LensChoice& choice, int best) {
   const LensRung &chosen = choice.rung(), &least = choice.rungs[best];
   std::string reason =
       choice.chosen == best
-          ? fmt::format("{} has the smallest held-out error, {:.4f} px, and no simpler model lies within one standard "
-                        "error of it",
-                        chosen.model, chosen.held_out_px)
-          : fmt::format("{} is the simplest model within one standard error of the smallest held-out error: {:.4f} px "
-                        "against {:.4f} px of {}",
-                        chosen.model, chosen.held_out_px, least.held_out_px, least.model);
+          ? fmt::format(
+                "{} has the smallest held-out error, {:.4f} px, and no simpler model lies within one standard "
+                "error of it",
+                chosen.model, chosen.held_out_px)
+          : fmt::format(
+                "{} is the simplest model within one standard error of the smallest held-out error: {:.4f} px "
+                "against {:.4f} px of {}",
+                chosen.model, chosen.held_out_px, least.held_out_px, least.model);
   for (int i = choice.chosen + 1; i < static_cast<int>(choice.rungs.size()); ++i) {
     const LensRung& next = choice.rungs[i];
     if (!next.fitted || !next.model.starts_with("LENSMODEL_OPENCV")) continue;
     reason += next.f_p < 0.01 ? fmt::format("; the F-test would take {} (p = {:.2g}) but held-out views do not agree",
                                             next.model, next.f_p)
-                              : fmt::format("; the F-test agrees ({} explains no more than noise, p = {:.2g})", next.model,
-                                            next.f_p);
+                              : fmt::format("; the F-test agrees ({} explains no more than noise, p = {:.2g})",
+                                            next.model, next.f_p);
     break;
   }
   return reason;
@@ -245,12 +248,14 @@ Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& g
   }
   progress.step("held-out views", steps, steps);
   if (best < 0)
-    return error(ErrorCode::kRefused, "no lens model fits these {} views when some are held out; take more views that differ",
+    return error(ErrorCode::kRefused,
+                 "no lens model fits these {} views when some are held out; take more views that differ",
                  data.views.size());
   for (std::size_t i = 0; i < choice.rungs.size(); ++i)
     if (choice.rungs[i].fitted) compare(choice.rungs[i], squares[i], squares[best]);
   for (std::size_t i = 0; i < choice.rungs.size() && choice.chosen < 0; ++i)
-    if (choice.rungs[i].fitted && choice.rungs[i].excess <= choice.rungs[i].excess_sigma) choice.chosen = static_cast<int>(i);
+    if (choice.rungs[i].fitted && choice.rungs[i].excess <= choice.rungs[i].excess_sigma)
+      choice.chosen = static_cast<int>(i);
   choice.reason = reason_of(choice, best);
   return choice;
 }

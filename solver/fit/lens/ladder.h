@@ -15,7 +15,7 @@ struct LensRung {
   bool fitted = false;
   std::string note;  // why not
   LensFit fit;
-  double held_out_px = 0;  // rms of a coordinate in views, and at points, that the fit has not seen
+  double held_out_px = 0;               // rms of a coordinate in views, and at points, that the fit has not seen
   double excess = 0, excess_sigma = 0;  // mean squared held-out error above the best rung's, view by view, and its
                                         // standard error [px^2]
   double bic = 0;
@@ -32,7 +32,7 @@ struct LensChoice {
 };
 
 struct LadderOptions {
-  int folds = 6;            // at most; views that are alike stay together
+  int folds = 6;  // at most; views that are alike stay together
   int spline_columns = 9;
   bool splined = true;
 };
@@ -45,8 +45,8 @@ struct LadderOptions {
 Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& group, const LadderOptions& options,
                                Progress& progress);
 
-// Mean squared residual of a coordinate in one view of a lens that has not seen it: poses from every second point, error
-// at the others, both ways. NaN where no pose is found. used: which points count.
+// Mean squared residual of a coordinate in one view of a lens that has not seen it: poses from every second point,
+// error at the others, both ways. NaN where no pose is found. used: which points count.
 double held_out_square(const BoardViews& data, const BoardView& view, const Lens& lens, const std::vector<bool>& used);
 
 // Chance that a quotient of two variances with these degrees of freedom is above F.

@@ -23,14 +23,14 @@ struct BoardViews {
 
 struct LensFit {
   Lens lens = Lens::pinhole(1, 0, 0, 1, 1);
-  std::vector<Pose> camera_from_board;          // per view
-  std::vector<std::vector<bool>> used;          // per view and point: seen and no outlier
-  std::vector<BoardView> residual_px;           // per view and point: model - seen; NaN where not used
-  int observations = 0;                         // coordinates used, two a point
-  int outliers = 0;                             // points
-  double freedom = 0;                           // observations - what the fit has adapted to
-  double squares = 0;                           // sum of squared residuals [px^2]
-  double rms_px = 0;                            // of a coordinate
+  std::vector<Pose> camera_from_board;  // per view
+  std::vector<std::vector<bool>> used;  // per view and point: seen and no outlier
+  std::vector<BoardView> residual_px;   // per view and point: model - seen; NaN where not used
+  int observations = 0;                 // coordinates used, two a point
+  int outliers = 0;                     // points
+  double freedom = 0;                   // observations - what the fit has adapted to
+  double squares = 0;                   // sum of squared residuals [px^2]
+  double rms_px = 0;                    // of a coordinate
   // Standard deviation of a seen coordinate, from what the fit leaves [px]: sqrt(squares / freedom). Includes what the
   // model cannot describe, as if it were noise.
   double sigma_px = 0;
@@ -39,7 +39,7 @@ struct LensFit {
 struct LensFitOptions {
   std::string model = "LENSMODEL_OPENCV5";  // mrcal's name; splined_model() makes one
   const LensFit* start = nullptr;           // of the same views; its outliers stay out
-  bool find_outliers = false;
+  bool find_outliers = false;               // beyond 4.5 sigma; mrcal's own rejection would print
 };
 
 // Minimises the squared reprojection error over lens and poses, from a start of its own (the focal length with which
@@ -52,8 +52,8 @@ Result<LensFit> fit_lens(const BoardViews& data, const LensFitOptions& options);
 std::optional<Pose> fit_pose(const BoardViews& data, const BoardView& view, const Lens& lens,
                              const std::vector<bool>& use);
 
-// Cubic spline (LENSMODEL_SPLINED_STEREOGRAPHIC) with `columns` control points along the picture's width, for a field of
-// view as this lens has it.
+// Cubic spline (LENSMODEL_SPLINED_STEREOGRAPHIC) with `columns` control points along the picture's width, for a field
+// of view as this lens has it.
 std::string splined_model(const Lens& lens, int columns);
 
 // Some of the views, in that order.

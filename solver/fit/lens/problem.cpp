@@ -59,7 +59,8 @@ Arrays arrays_of(const Problem& p) {
     a.pool.push_back(point);
   }
   a.imager[0] = p.width, a.imager[1] = p.height;
-  a.measurements = mrcal_num_measurements(p.views(), 0, p.columns, p.rows, 1, 0, p.views(), 0, 0, a.selections, &a.model);
+  a.measurements =
+      mrcal_num_measurements(p.views(), 0, p.columns, p.rows, 1, 0, p.views(), 0, 0, a.selections, &a.model);
   a.states = mrcal_num_states(1, 0, p.views(), 0, 0, p.views(), a.selections, &a.model);
   return a;
 }
@@ -72,15 +73,14 @@ void accumulate(const std::vector<int>& begin, const std::vector<int>& state, co
 
 }  // namespace
 
-bool optimise(Problem& p, bool find_outliers) {
+bool optimise(Problem& p) {
   Arrays a = arrays_of(p);
-  a.selections.do_apply_outlier_rejection = find_outliers;
   std::vector<double> b(a.states), x(a.measurements);
   const mrcal_stats_t stats =
       mrcal_optimize(b.data(), static_cast<int>(b.size() * sizeof(double)), x.data(),
-                     static_cast<int>(x.size() * sizeof(double)), a.intrinsics.data(), nullptr, a.frames.data(), nullptr,
-                     nullptr, 1, 0, p.views(), 0, 0, a.boards.data(), nullptr, p.views(), 0, a.pool.data(), &a.model,
-                     a.imager, a.selections, &a.constants, p.spacing, p.columns, p.rows, false, false);
+                     static_cast<int>(x.size() * sizeof(double)), a.intrinsics.data(), nullptr, a.frames.data(),
+                     nullptr, nullptr, 1, 0, p.views(), 0, 0, a.boards.data(), nullptr, p.views(), 0, a.pool.data(),
+                     &a.model, a.imager, a.selections, &a.constants, p.spacing, p.columns, p.rows, false, false);
   if (!(stats.rms_reproj_error__pixels >= 0)) return false;
   bool finite = true;
   for (double v : a.intrinsics) finite = finite && std::isfinite(v);
@@ -90,7 +90,6 @@ bool optimise(Problem& p, bool find_outliers) {
       finite = finite && std::isfinite(p.poses[i][k]) && std::isfinite(p.poses[i][3 + k]);
     }
   p.intrinsics = a.intrinsics;
-  for (std::size_t i = 0; i < a.pool.size(); ++i) p.observations[i][2] = a.pool[i].z;
   return finite;
 }
 
@@ -107,11 +106,11 @@ Linearisation linearise(const Problem& p) {
   Jt.p = begin.data(), Jt.i = state.data(), Jt.x = value.data();
   Jt.itype = CHOLMOD_INT, Jt.xtype = CHOLMOD_REAL, Jt.dtype = CHOLMOD_DOUBLE;
   Jt.sorted = 1, Jt.packed = 1;
-  const bool ok = mrcal_optimizer_callback(
-      packed.data(), static_cast<int>(packed.size() * sizeof(double)), l.x.data(),
-      static_cast<int>(l.x.size() * sizeof(double)), &Jt, a.intrinsics.data(), nullptr, a.frames.data(), nullptr, nullptr,
-      1, 0, p.views(), 0, 0, a.boards.data(), nullptr, p.views(), 0, a.pool.data(), &a.model, a.imager, a.selections,
-      &a.constants, p.spacing, p.columns, p.rows, false);
+  const bool ok = mrcal_optimizer_callback(packed.data(), static_cast<int>(packed.size() * sizeof(double)), l.x.data(),
+                                           static_cast<int>(l.x.size() * sizeof(double)), &Jt, a.intrinsics.data(),
+                                           nullptr, a.frames.data(), nullptr, nullptr, 1, 0, p.views(), 0, 0,
+                                           a.boards.data(), nullptr, p.views(), 0, a.pool.data(), &a.model, a.imager,
+                                           a.selections, &a.constants, p.spacing, p.columns, p.rows, false);
   CS_CHECK(ok, "mrcal cannot evaluate the problem that it has solved");
   l.states = a.states;
   l.board_measurements = mrcal_num_measurements_boards(p.views(), p.columns, p.rows);

@@ -21,18 +21,17 @@ struct Problem {
   int views() const { return static_cast<int>(poses.size()); }
 };
 
-// Moves intrinsics and poses to the optimum; with find_outliers the weights of points that do not belong become < 0.
-// mrcal's regularisation holds what points do not (Kogan, mrcal.secretsauce.net/formulation.html). False where the
-// solver does not end at finite numbers.
-bool optimise(Problem& problem, bool find_outliers);
+// Moves intrinsics and poses to the optimum. mrcal's regularisation holds what points do not (Kogan,
+// mrcal.secretsauce.net/formulation.html). False where the solver does not end at finite numbers.
+bool optimise(Problem& problem);
 
 // The problem around its optimum, with the state scaled as mrcal scales it: b = scale * b_packed.
 struct Linearisation {
-  std::vector<double> x;          // residuals q_model - q_seen [px] of all points (0 where not used), then regularisation
-  int board_measurements = 0;     // that belong to points
-  int used = 0;                   // of those, what is not an outlier
+  std::vector<double> x;       // residuals q_model - q_seen [px] of all points (0 where not used), then regularisation
+  int board_measurements = 0;  // that belong to points
+  int used = 0;                // of those, what is not an outlier
   Eigen::VectorXd scale;
-  Eigen::MatrixXd N, N_board;     // J^T J of all measurements, and of the points alone
+  Eigen::MatrixXd N, N_board;  // J^T J of all measurements, and of the points alone
   int states = 0, lens_at = 0, lens_states = 0, first_intrinsic = 0, poses_at = 0;
 };
 Linearisation linearise(const Problem& problem);

@@ -10,8 +10,8 @@ LensUncertainty::LensUncertainty(const BoardViews& data, const LensFit& fit) : f
   const lens_parts::Linearisation l = lens_parts::linearise(lens_parts::problem_of(data, fit));
   lens_at_ = l.lens_at, lens_states_ = l.lens_states, first_intrinsic_ = l.first_intrinsic, poses_at_ = l.poses_at;
   const Eigen::LDLT<Eigen::MatrixXd> N(l.N);
-  const Eigen::MatrixXd half = N.solve(l.N_board);             // N^-1 N_board
-  const Eigen::MatrixXd packed = N.solve(half.transpose());    // N^-1 (N^-1 N_board)^T
+  const Eigen::MatrixXd half = N.solve(l.N_board);           // N^-1 N_board
+  const Eigen::MatrixXd packed = N.solve(half.transpose());  // N^-1 (N^-1 N_board)^T
   covariance_ = fit.sigma_px * fit.sigma_px * l.scale.asDiagonal() * packed * l.scale.asDiagonal();
 }
 
@@ -25,7 +25,8 @@ Eigen::Matrix<double, 2, Eigen::Dynamic> LensUncertainty::derivative(const Eigen
     const Eigen::Vector3d r = vector_from_rotation(pose.rotation);
     const Eigen::Vector3d t = at_infinity ? Eigen::Vector3d::Zero() : pose.translation;
     const Eigen::Vector3d on_board = pose.rotation.transpose() * (x - t);
-    Eigen::Matrix<double, 3, 6> J = lens_parts::transform_derivative({r.x(), r.y(), r.z(), t.x(), t.y(), t.z()}, on_board);
+    Eigen::Matrix<double, 3, 6> J =
+        lens_parts::transform_derivative({r.x(), r.y(), r.z(), t.x(), t.y(), t.z()}, on_board);
     if (at_infinity) J.rightCols<3>().setZero();
     by_state.middleCols<6>(poses_at_ + 6 * f) = p.by_point * J / boards;
   }
@@ -64,8 +65,7 @@ std::vector<Eigen::Vector2d> lens_difference(const Lens& a, const Lens& b, const
   }
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(correlation, Eigen::ComputeFullU | Eigen::ComputeFullV);
   const double sign = (svd.matrixU() * svd.matrixV().transpose()).determinant();
-  const Eigen::Matrix3d b_from_a =
-      svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
+  const Eigen::Matrix3d b_from_a = svd.matrixU() * Eigen::Vector3d(1, 1, sign).asDiagonal() * svd.matrixV().transpose();
   std::vector<Eigen::Vector2d> difference;
   for (std::size_t i = 0; i < q_px.size(); ++i) difference.push_back(b.project(b_from_a * rays[i]) - q_px[i]);
   return difference;
@@ -84,7 +84,8 @@ double predicted_difference_rms(const LensUncertainty& a, const LensUncertainty&
     cross << 0, -ray.z(), ray.y(), ray.z(), 0, -ray.x(), -ray.y(), ray.x(), 0;
     B.middleRows<2>(2 * i) = -p.by_point * cross;
   }
-  const Eigen::MatrixXd left = G - B * (B.transpose() * B).ldlt().solve(B.transpose() * G);  // what no rotation explains
+  const Eigen::MatrixXd left =
+      G - B * (B.transpose() * B).ldlt().solve(B.transpose() * G);                // what no rotation explains
   const Eigen::MatrixXd V = a.state_covariance().topLeftCorner(states, states) +  // the lens stands first in the state
                             b.state_covariance().topLeftCorner(states, states);
   return std::sqrt((left * V).cwiseProduct(left).sum() / (2 * n));
@@ -93,7 +94,8 @@ double predicted_difference_rms(const LensUncertainty& a, const LensUncertainty&
 std::vector<Eigen::Vector2d> pixel_grid(int width, int height, int columns, int rows) {
   std::vector<Eigen::Vector2d> q;
   for (int j = 0; j < rows; ++j)
-    for (int i = 0; i < columns; ++i) q.emplace_back(i * (width - 1.0) / (columns - 1), j * (height - 1.0) / (rows - 1));
+    for (int i = 0; i < columns; ++i)
+      q.emplace_back(i * (width - 1.0) / (columns - 1), j * (height - 1.0) / (rows - 1));
   return q;
 }
 

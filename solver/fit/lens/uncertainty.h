@@ -3,9 +3,9 @@
 //
 // The fit makes small J b of its residuals; with noise sigma in each seen coordinate its state has the covariance
 //   Var(b) = sigma^2 N^-1 N_board N^-1,   N = J^T J,   N_board = J_board^T J_board
-// (N holds the regularisation too, which is no observation). A lens alone has no frame to compare in: rotating the camera
-// and all boards together changes nothing. So a point is held by the boards, x_f = T_f^-1 x for each board pose T_f, and
-// seen again where the mean of T_f x_f lands; for its pixel q
+// (N holds the regularisation too, which is no observation). A lens alone has no frame to compare in: rotating the
+// camera and all boards together changes nothing. So a point is held by the boards, x_f = T_f^-1 x for each board pose
+// T_f, and seen again where the mean of T_f x_f lands; for its pixel q
 //   dq = (dq/dlens) dlens + (dq/dx) mean_f (d(T_f x_f)/dT_f) dT_f
 // and Var(q) = (dq/db) Var(b) (dq/db)^T. Kogan, "Projection uncertainty", mrcal.secretsauce.net/uncertainty.html ("mean
 // frames"); mrcal computes it in Python only.
