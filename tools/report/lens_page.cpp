@@ -134,7 +134,8 @@ std::vector<std::vector<std::string>> ladder_rows(const solver::LensChoice& choi
     rows.push_back({short_name(r.model), fmt::format("{}", r.parameters), fmt::format("{:.4f}", r.fit.rms_px),
                     fmt::format("{:.4f}", r.held_out_px), fmt::format("{:.2e}", r.excess),
                     fmt::format("{:.1e}", r.excess_sigma), fmt::format("{:.1f}", r.bic),
-                    nested ? fmt::format("{:.2g}", r.f_p) : "", static_cast<int>(i) == choice.chosen ? "chosen" : ""});
+                    nested ? fmt::format("{:.2g}", r.f_p) : "",
+                    r.verdict + (static_cast<int>(i) == choice.chosen ? " - chosen" : "")});
   }
   return rows;
 }

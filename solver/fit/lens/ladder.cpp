@@ -14,6 +14,7 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kManyOutliers = 0.01;
+constexpr double kSignificant = 0.01;
 
 // Continued fraction of the incomplete beta function (Lentz's method; DLMF 8.17.22).
 double beta_fraction(double a, double b, double x) {
@@ -107,19 +108,9 @@ void fit_rungs(const BoardViews& data, const LensFit& foot, const LadderOptions&
   }
 }
 
-void add_tests(LensChoice& choice) {
-  const LensRung* before = nullptr;
-  for (LensRung& rung : choice.rungs) {
-    if (!rung.fitted) continue;
-    const double n = rung.fit.observations;
-    rung.bic = n * std::log(rung.fit.squares / n) + (n - rung.fit.freedom) * std::log(n);
-    if (before && rung.model.starts_with("LENSMODEL_OPENCV")) {
-      const int more = rung.parameters - before->parameters;
-      const double F = (before->fit.squares - rung.fit.squares) / more / (rung.fit.squares / rung.fit.freedom);
-      rung.f_p = f_test_p(F, more, rung.fit.freedom);
-    }
-    before = &rung;
-  }
+void add_bic(LensRung& rung) {
+  const double n = rung.fit.observations;
+  rung.bic = n * std::log(rung.fit.squares / n) + (n - rung.fit.freedom) * std::log(n);
 }
 
 // Views by fold; groups are dealt out in turn.
@@ -161,39 +152,62 @@ double mean_of(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-// Excess over the best rung, view by view: what makes a view hard for all rungs does not count.
-void compare(LensRung& rung, const std::vector<double>& own, const std::vector<double>& best) {
+struct Excess {
+  double mean = 0, sigma = 0;
+};
+
+// Excess over another rung, view by view: what makes a view hard for both does not count.
+Excess excess_over(const std::vector<double>& own, const std::vector<double>& other) {
   std::vector<double> more;
-  for (std::size_t v = 0; v < own.size(); ++v) more.push_back(own[v] - best[v]);
-  rung.excess = mean_of(more);
+  for (std::size_t v = 0; v < own.size(); ++v) more.push_back(own[v] - other[v]);
+  Excess excess{mean_of(more), 0};
   double squares = 0;
-  for (double m : more) squares += (m - rung.excess) * (m - rung.excess);
+  for (double m : more) squares += (m - excess.mean) * (m - excess.mean);
   const double n = static_cast<double>(more.size());
-  rung.excess_sigma = std::sqrt(squares / (n - 1) / n);
+  excess.sigma = std::sqrt(squares / (n - 1) / n);
+  return excess;
 }
 
-std::string reason_of(const LensChoice& choice, int best) {
-  const LensRung &chosen = choice.rung(), &least = choice.rungs[best];
-  std::string reason =
-      choice.chosen == best
-          ? fmt::format(
-                "{} has the smallest held-out error, {:.4f} px, and no simpler model lies within one standard "
-                "error of it",
-                chosen.model, chosen.held_out_px)
-          : fmt::format(
-                "{} is the simplest model within one standard error of the smallest held-out error: {:.4f} px "
-                "against {:.4f} px of {}",
-                chosen.model, chosen.held_out_px, least.held_out_px, least.model);
-  for (int i = choice.chosen + 1; i < static_cast<int>(choice.rungs.size()); ++i) {
-    const LensRung& next = choice.rungs[i];
-    if (!next.fitted || !next.model.starts_with("LENSMODEL_OPENCV")) continue;
-    reason += next.f_p < 0.01 ? fmt::format("; the F-test would take {} (p = {:.2g}) but held-out views do not agree",
-                                            next.model, next.f_p)
-                              : fmt::format("; the F-test agrees ({} explains no more than noise, p = {:.2g})",
-                                            next.model, next.f_p);
-    break;
+// Does `next` say more than noise would, coming from `from`?
+bool pays(const LensRung& from, LensRung& next, std::string& why) {
+  if (!next.model.starts_with("LENSMODEL_OPENCV")) {
+    why = fmt::format("BIC {:.1f} against {:.1f}", next.bic, from.bic);
+    return next.bic < from.bic;
   }
-  return reason;
+  const int more = next.parameters - from.parameters;
+  const double F = (from.fit.squares - next.fit.squares) / more / (next.fit.squares / next.fit.freedom);
+  next.f_p = f_test_p(F, more, next.fit.freedom);
+  why = fmt::format("F-test p = {:.2g}", next.f_p);
+  return next.f_p < kSignificant;
+}
+
+// Climbs as far as both judges agree.
+void climb(LensChoice& choice, const std::vector<std::vector<double>>& squares) {
+  for (std::size_t i = 0; i < choice.rungs.size(); ++i) {
+    LensRung& next = choice.rungs[i];
+    if (!next.fitted) continue;
+    if (choice.chosen < 0) {
+      choice.chosen = static_cast<int>(i);
+      next.verdict = "the foot";
+      continue;
+    }
+    std::string why;
+    const Excess gain = excess_over(squares[choice.chosen], squares[i]);
+    const bool better = gain.mean > gain.sigma, significant = pays(choice.rung(), next, why);
+    next.verdict = fmt::format("{}: held-out {} ({:.1f} standard errors), {} {}",
+                               better && significant ? "climbed" : "left", better ? "agrees" : "no gain",
+                               gain.sigma > 0 ? gain.mean / gain.sigma : 0.0, why, significant ? "agrees" : "no gain");
+    if (better && significant) choice.chosen = static_cast<int>(i);
+  }
+}
+
+std::string reason_of(const LensChoice& choice) {
+  const bool last = choice.chosen + 1 == static_cast<int>(choice.rungs.size());
+  return fmt::format("{}, held-out error {:.4f} px: {}", choice.rung().model, choice.rung().held_out_px,
+                     last
+                         ? "the richest model of the ladder; held-out views and the test both take it"
+                         : "no richer model lowers the held-out error by more than one standard error and pays for its "
+                           "parameters");
 }
 
 }  // namespace
@@ -227,7 +241,6 @@ Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& g
   LensChoice choice;
   CS_TRY(const LensFit foot, foot_of(data, options, choice));
   fit_rungs(data, foot, options, choice);
-  add_tests(choice);
   const auto folds = folds_of(group, options.folds);
   const double steps = static_cast<double>(folds.size() * choice.rungs.size());
   double done = 0;
@@ -251,12 +264,14 @@ Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& g
     return error(ErrorCode::kRefused,
                  "no lens model fits these {} views when some are held out; take more views that differ",
                  data.views.size());
-  for (std::size_t i = 0; i < choice.rungs.size(); ++i)
-    if (choice.rungs[i].fitted) compare(choice.rungs[i], squares[i], squares[best]);
-  for (std::size_t i = 0; i < choice.rungs.size() && choice.chosen < 0; ++i)
-    if (choice.rungs[i].fitted && choice.rungs[i].excess <= choice.rungs[i].excess_sigma)
-      choice.chosen = static_cast<int>(i);
-  choice.reason = reason_of(choice, best);
+  for (std::size_t i = 0; i < choice.rungs.size(); ++i) {
+    if (!choice.rungs[i].fitted) continue;
+    const Excess excess = excess_over(squares[i], squares[best]);
+    choice.rungs[i].excess = excess.mean, choice.rungs[i].excess_sigma = excess.sigma;
+    add_bic(choice.rungs[i]);
+  }
+  climb(choice, squares);
+  choice.reason = reason_of(choice);
   return choice;
 }
 

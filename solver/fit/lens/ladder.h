@@ -19,7 +19,8 @@ struct LensRung {
   double excess = 0, excess_sigma = 0;  // mean squared held-out error above the best rung's, view by view, and its
                                         // standard error [px^2]
   double bic = 0;
-  double f_p = 1;  // chance that the rung before would leave this much more by noise alone (F-test); 1 for splines
+  double f_p = 1;       // chance that the rung from which this one was judged leaves this much more by noise alone
+  std::string verdict;  // climbed to or not, and why
 };
 
 struct LensChoice {
@@ -38,10 +39,11 @@ struct LadderOptions {
 };
 
 // Fits every rung to all views, and to all but each fold; the poses of a held-out view come from every second of its
-// points, its error from the others. Chosen is the simplest rung whose excess over the best one lies within a standard
-// error. Outliers are found once, with the richest rung that fits, and stay out of all: a model that is too poor would
-// throw out what it cannot describe. group: a number per view; views that are nearly the same share it. Errors:
-// kRefused.
+// points, its error from the others. From the simplest rung on, a richer one is climbed to only if both agree: the
+// held-out error falls, view by view, by more than one standard error; and so does the noise cost, by the F-test at 1 %
+// between nested rungs, by the BIC for splines. Outliers are found once, with the richest rung that fits, and stay out
+// of all: a model that is too poor would throw out what it cannot describe. group: a number per view; views that are
+// nearly the same share it. Errors: kRefused.
 Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& group, const LadderOptions& options,
                                Progress& progress);
 

@@ -123,7 +123,8 @@ ViewSummary summarise(const BoardViews& data, const LensFit& fit) {
                     static_cast<double>(cells.size());
   summary.advice = missing_tilts(tilts);
   for (const std::string& zone : empty_zones(cells))
-    summary.advice.push_back(fmt::format("add a view with the board in the {} of the picture, {}", zone, kHowToTilt));
+    summary.advice.push_back(fmt::format("add a view with the board {} the {} of the picture, {}",
+                                         zone.ends_with("corner") ? "in" : "at", zone, kHowToTilt));
   return summary;
 }
 
@@ -134,12 +135,13 @@ Result<void> check_enough(const std::vector<int>& group) {
       distinct.size() < group.size()
           ? fmt::format(" (of {} views with a board; the others repeat one within 1 % of the picture)", group.size())
           : "";
+  const std::size_t missing = kLeastViews - distinct.size();
   return error(
       ErrorCode::kRefused,
       "{} views of the board that differ{}, at least {} are needed: each gives two numbers for the lens beyond "
       "the board's own pose, focal lengths and principal point take four; add {} views, the board in another "
       "corner of the picture each time and {}",
-      distinct.size(), alike, kLeastViews, kLeastViews - distinct.size(), kHowToTilt);
+      distinct.size(), alike, kLeastViews, missing == 1 ? "a view" : fmt::format("{} views", missing), kHowToTilt);
 }
 
 Result<void> check_held(const LensUncertainty& uncertainty, const ViewSummary& views) {
