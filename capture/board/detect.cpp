@@ -140,7 +140,16 @@ double marker_seen(Board board, const Markers& markers) {
   double best = board.marker, least = std::numeric_limits<double>::infinity();
   for (int share = 8; share < 19; ++share) {
     board.marker = share * board.square / 20;
-    const double distance = median_distance(board, markers);
+    std::vector<cv::Point2f> on_board, in_photo, mapped;
+    for (const auto& [id, quad] : markers) {
+      const auto known = corners_on_board(board, id);
+      on_board.insert(on_board.end(), known.begin(), known.end());
+      in_photo.insert(in_photo.end(), quad.begin(), quad.end());
+    }
+    const cv::Mat H = cv::findHomography(on_board, in_photo);
+    if (H.empty()) continue;
+    cv::perspectiveTransform(on_board, mapped, H);
+    const double distance = cv::norm(mapped, in_photo);
     if (distance < least) least = distance, best = board.marker;
   }
   return best;
@@ -274,7 +283,7 @@ Detection find_chessboard(const cv::Mat& grey, const Board& board) {
                         ? fmt::format(
                               "another board size was found: {}x{} inner corners, not {}x{}; correct --board, or "
                               "show the whole board",
-                              columns, rows, board.columns, board.rows)
+                              std::max(columns, rows), std::min(columns, rows), board.columns, board.rows)
                         : fmt::format(
                               "no chessboard of {}x{} inner corners was seen whole; are all squares in the picture, "
                               "sharp and lit, with a white margin?",

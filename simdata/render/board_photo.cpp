@@ -76,7 +76,10 @@ Pose board_pose(const Board& board, const Lens& lens, double fill, double most_t
         lens.unproject({random.uniform(0, lens.width() - 1), random.uniform(0, lens.height() - 1)});
     pose.translation = distance * ray / ray.z() - pose.rotation * centre;
     bool whole = true;
-    for (int i = 0; i < board.points() && whole; ++i) whole = lens.contains(lens.project(pose * board.point(i)));
+    // The squares around the outermost points too: a detector needs them.
+    for (int j = -1; j <= board.grid_rows() && whole; ++j)
+      for (int i = -1; i <= board.grid_columns() && whole; ++i)
+        whole = lens.contains(lens.project(pose * Eigen::Vector3d(i * board.square, j * board.square, 0)));
     if (whole) return pose;
   }
 }

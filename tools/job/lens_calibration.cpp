@@ -75,19 +75,24 @@ std::optional<HalvesCheck> compare_halves(const LensReport& r, const std::vector
   HalvesCheck check{{kMapColumns, kMapRows, {}, 0, 0}, 0, 0};
   const std::vector<bool> cells = cells_with_points(r.data);
   const auto all = middles(r.data.width, r.data.height);
-  std::vector<Eigen::Vector2d> with_points;
+  std::vector<Eigen::Vector2d> compared;
   for (std::size_t i = 0; i < all.size(); ++i)
-    if (cells[i]) with_points.push_back(all[i]);
-  const auto difference = solver::lens_difference(fits[0].fit().lens, fits[1].fit().lens, with_points);
-  std::size_t at = 0;
+    if (cells[i] && fits[0].fit().lens.unproject(all[i]).allFinite() &&
+        fits[1].fit().lens.unproject(all[i]).allFinite())
+      compared.push_back(all[i]);
+  const auto difference = solver::lens_difference(fits[0].fit().lens, fits[1].fit().lens, compared);
   double squares = 0;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    check.map.value.push_back(cells[i] ? difference[at].norm() : std::nan(""));
-    if (cells[i]) squares += difference[at++].squaredNorm();
-    if (cells[i]) check.map.worst = std::max(check.map.worst, check.map.value.back());
+  std::size_t at = 0;
+  for (const Eigen::Vector2d& q : all) {
+    const bool is_compared = at < compared.size() && q == compared[at];
+    check.map.value.push_back(is_compared ? difference[at].norm() : std::nan(""));
+    if (!is_compared) continue;
+    squares += difference[at++].squaredNorm();
+    check.map.worst = std::max(check.map.worst, check.map.value.back());
   }
+  if (at == 0) return std::nullopt;
   check.rms_px = std::sqrt(squares / (2 * static_cast<double>(at)));
-  check.predicted_rms_px = solver::predicted_difference_rms(fits[0], fits[1], with_points);
+  check.predicted_rms_px = solver::predicted_difference_rms(fits[0], fits[1], compared);
   return check;
 }
 
@@ -116,10 +121,23 @@ void add_quality(LensReport& r, const LensUncertainty& uncertainty, const std::v
                     100 * left_out));
 }
 
-// The lens that was at this place before, as good as these photos show it.
-void compare_with_former(const fs::path& model, LensReport& r) {
-  if (!fs::exists(model)) return;
-  const Result<Device> former = read_cameramodel(model);
+// How certain the former calibration was of directions in its worst corner [px]; NaN where nothing says it.
+double former_uncertainty(const fs::path& folder) {
+  const Result<std::string> text = read_text(folder / "lens.json");
+  if (!text) return std::nan("");
+  const json numbers = json::parse(*text, nullptr, false);
+  try {
+    return numbers.at("uncertainty_px").at("far_worst").get<double>();
+  } catch (const json::exception&) {
+    return std::nan("");
+  }
+}
+
+// The lens that was at this place before: what it leaves in these photos, and how certain it was. It may have been
+// fitted to these very photos, which flatters it by a little.
+void compare_with_former(const LensFiles& files, LensReport& r) {
+  if (!fs::exists(files.model)) return;
+  const Result<Device> former = read_cameramodel(files.model);
   if (!former || former->lens.width() != r.data.width || former->lens.height() != r.data.height) return;
   double sum = 0;
   int views = 0;
@@ -129,12 +147,16 @@ void compare_with_former(const fs::path& model, LensReport& r) {
   }
   if (views == 0) return;
   const double before = std::sqrt(sum / views), now = r.choice.rung().held_out_px;
-  const std::string text = fmt::format(
-      "the former model leaves {:.4f} px in these photos, the new one {:.4f} px in those "
-      "that its fits have not seen",
+  const double certain = former_uncertainty(files.folder);
+  std::string text = fmt::format(
+      "the former model leaves {:.4f} px in these photos, the new one {:.4f} px in those that "
+      "its fits have not seen",
       before, now);
-  // The former fit may have seen these very photos, which flatters it by a little.
-  if (before < 0.9 * now)
+  if (std::isfinite(certain))
+    text += fmt::format("; directions in the worst corner were certain to {:.3f} px and are now to {:.3f} px", certain,
+                        r.far.worst);
+  const bool fits_better = before < 0.9 * now, more_certain = before < 1.1 * now && 1.5 * certain < r.far.worst;
+  if (fits_better || more_certain)
     r.warnings.push_back(text + "; the former one is kept beside it, and may be the better one");
   else
     r.notes.push_back(text);
@@ -281,7 +303,7 @@ Result<LensReport> calibrate_lens(const std::vector<fs::path>& inputs, const fs:
     return error(report.error().code, "{}; nothing was overwritten, '{}' shows the photos", why, out.refused.string());
   }
   if (!without.empty()) report->warnings.insert(report->warnings.begin(), without);
-  compare_with_former(model, *report);
+  compare_with_former(out, *report);
   CS_TRY_VOID(write_all(out, *report));
   return report;
 }

@@ -14,6 +14,9 @@ namespace {
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr int kOutlierRounds = 10;
+const char* const kAlike =
+    "the views are too much alike: add views with the board in other parts of the picture, tilted by about 30 to 45 "
+    "degrees";
 
 std::array<double, 6> array_of(const Pose& pose) {
   const Eigen::Vector3d r = vector_from_rotation(pose.rotation);
@@ -84,34 +87,37 @@ PinholePose pinhole_pose(const Pairs& pairs, double focal, int width, int height
   return result;
 }
 
-// The focal length with which planes of all views fit best: coarse steps of 15 %.
-Result<LensFit> start_of(const BoardViews& data) {
+// Starts with focal lengths in coarse steps, those with which planes of all views fit best first.
+Result<std::vector<LensFit>> starts_of(const BoardViews& data) {
   std::vector<Pairs> pairs;
   for (const BoardView& view : data.views) pairs.push_back(pairs_of(data.board, view, {}));
-  LensFit best;
-  double least = std::numeric_limits<double>::infinity();
+  std::vector<std::pair<double, LensFit>> starts;
   for (double focal = 0.3 * data.width; focal < 12 * data.width; focal *= 1.15) {
-    std::vector<Pose> poses;
+    LensFit start;
     double sum = 0;
     for (const Pairs& p : pairs) {
       const PinholePose found = pinhole_pose(p, focal, data.width, data.height);
       sum += found.rms;
-      poses.push_back(found.pose);
+      start.camera_from_board.push_back(found.pose);
     }
-    if (!(sum < least)) continue;
-    least = sum;
-    best.lens = Lens::pinhole(focal, (data.width - 1) / 2.0, (data.height - 1) / 2.0, data.width, data.height);
-    best.camera_from_board = poses;
+    if (!std::isfinite(sum)) continue;
+    start.lens = Lens::pinhole(focal, (data.width - 1) / 2.0, (data.height - 1) / 2.0, data.width, data.height);
+    starts.emplace_back(sum, start);
   }
-  if (!std::isfinite(least))
+  if (starts.empty())
     return error(
         ErrorCode::kRefused,
         "the points of a view lie on a line or are too few for a pose; at least 4 that span a plane are needed");
-  for (const BoardView& view : data.views) {
-    best.used.emplace_back();
-    for (const Eigen::Vector2d& q : view) best.used.back().push_back(seen(q));
+  std::stable_sort(starts.begin(), starts.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  std::vector<LensFit> sorted;
+  for (auto& [sum, start] : starts) {
+    for (const BoardView& view : data.views) {
+      start.used.emplace_back();
+      for (const Eigen::Vector2d& q : view) start.used.back().push_back(seen(q));
+    }
+    sorted.push_back(std::move(start));
   }
-  return best;
+  return sorted;
 }
 
 // Control points of a spline that bends as `lens` does: linear least squares over a grid of pixels, with a small pull
@@ -198,15 +204,26 @@ Result<LensFit> fit_from(const BoardViews& data, const LensFit& start, const std
     ends = lens_parts::optimise(problem);
   }
   if (!ends)
-    return error(ErrorCode::kRefused, "the fit of {} to {} views does not end; take views that differ more", model,
-                 data.views.size());
+    return error(ErrorCode::kRefused, "the fit of {} to {} views finds no end; {}", model, data.views.size(), kAlike);
   LensFit fit;
   Result<Lens> lens = Lens::make(model, problem.intrinsics, data.width, data.height);
-  if (!lens) return error(ErrorCode::kRefused, "the fit of {} ends nowhere: {}", model, lens.error().message);
+  if (!lens)
+    return error(ErrorCode::kRefused, "the fit to {} views ends at no lens ({}); {}", data.views.size(),
+                 lens.error().message, kAlike);
   fit.lens = *lens;
   for (const auto& pose : problem.poses) fit.camera_from_board.push_back(pose_of(pose));
   add_residuals(data, problem, fit);
   return fit;
+}
+
+// First the focal length and the poses alone, then a distortion that does not swing: a start that is far off would be
+// explained by any distortion.
+Result<LensFit> climb_to(const BoardViews& data, LensFit fit, const LensFitOptions& options) {
+  for (const char* model : {"LENSMODEL_PINHOLE", "LENSMODEL_OPENCV4"}) {
+    if (options.model == model) break;
+    CS_TRY(fit, fit_from(data, fit, model, false));
+  }
+  return fit_from(data, fit, options.model, options.find_outliers);
 }
 
 }  // namespace
@@ -220,6 +237,7 @@ lens_parts::Problem lens_parts::problem_of(const BoardViews& data, const LensFit
   p.width = data.width, p.height = data.height;
   p.spacing = data.board.square;
   p.core_moves = !is_splined(p.model);
+  p.regularised = is_splined(p.model) || p.intrinsics.size() > 9;  // rational: numerator and denominator may cancel
   for (std::size_t v = 0; v < data.views.size(); ++v)
     for (int i = 0; i < data.board.points(); ++i) {
       const Eigen::Vector2d& q = data.views[v][i];
@@ -234,19 +252,14 @@ lens_parts::Problem lens_parts::problem_of(const BoardViews& data, const LensFit
 Result<LensFit> fit_lens(const BoardViews& data, const LensFitOptions& options) {
   if (data.views.size() < 2)
     return error(ErrorCode::kRefused, "{} views of the board; a lens needs at least 2", data.views.size());
-  LensFit fit;
-  if (options.start) {
-    fit = *options.start;
-  } else {
-    CS_TRY(fit, start_of(data));
-    // First the focal length and the poses alone, then a distortion that does not swing: a start that is far off would
-    // be explained by any distortion.
-    for (const char* model : {"LENSMODEL_PINHOLE", "LENSMODEL_OPENCV4"}) {
-      if (options.model == model) break;
-      CS_TRY(fit, fit_from(data, fit, model, false));
-    }
+  if (options.start) return fit_from(data, *options.start, options.model, options.find_outliers);
+  CS_TRY(const std::vector<LensFit> starts, starts_of(data));
+  Result<LensFit> fit = starts.front();
+  for (std::size_t i = 0; i < starts.size(); i += 3) {  // a bad start may run away: then one that differs by half
+    fit = climb_to(data, starts[i], options);
+    if (fit) break;
   }
-  return fit_from(data, fit, options.model, options.find_outliers);
+  return fit;
 }
 
 std::optional<Pose> fit_pose(const BoardViews& data, const BoardView& view, const Lens& lens,

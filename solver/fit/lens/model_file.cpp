@@ -131,7 +131,7 @@ std::string inputs_of(const lens_parts::Problem& p) {
       {"do_optimize_frames", npy_flag(true)},
       {"do_optimize_calobject_warp", npy_flag(false)},
       {"calibration_object_spacing", npy_doubles("", {p.spacing})},
-      {"do_apply_regularization", npy_flag(true)},
+      {"do_apply_regularization", npy_flag(p.regularised)},
       {"do_apply_outlier_rejection", npy_flag(false)},
       {"verbose", npy_flag(false)}};
   for (auto& [name, bytes] : arrays) name += ".npy";

@@ -24,7 +24,7 @@ mrcal_problem_selections_t selections_of(const Problem& p, const mrcal_lensmodel
   s.do_optimize_intrinsics_core = p.lens_moves && p.core_moves;
   s.do_optimize_intrinsics_distortions = p.lens_moves && mrcal_lensmodel_num_params(&model) > 4;
   s.do_optimize_frames = true;
-  s.do_apply_regularization = p.lens_moves;
+  s.do_apply_regularization = p.lens_moves && p.regularised;
   return s;
 }
 

@@ -17,12 +17,14 @@ struct Problem {
   double spacing = 0;
   bool lens_moves = true;  // false: only the poses are found
   bool core_moves = true;  // focal lengths and principal point; never for splined models, whose spline holds them
+  // mrcal's regularisation (Kogan, mrcal.secretsauce.net/formulation.html), for what points do not hold. Its weight
+  // supposes errors of a pixel; against a fiftieth of a pixel it would bend a lens that points do hold.
+  bool regularised = false;
 
   int views() const { return static_cast<int>(poses.size()); }
 };
 
-// Moves intrinsics and poses to the optimum. mrcal's regularisation holds what points do not (Kogan,
-// mrcal.secretsauce.net/formulation.html). False where the solver does not end at finite numbers.
+// Moves intrinsics and poses to the optimum. False where the solver does not end at finite numbers.
 bool optimise(Problem& problem);
 
 // The problem around its optimum, with the state scaled as mrcal scales it: b = scale * b_packed.

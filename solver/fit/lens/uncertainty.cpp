@@ -47,6 +47,7 @@ double LensUncertainty::focal_sigma() const {
   if (first_intrinsic_ != 0) return 0;
   Eigen::Vector2d mean(0.5, 0.5);
   const double variance = mean.dot(covariance_.block<2, 2>(lens_at_, lens_at_) * mean);
+  if (!(variance >= 0)) return kInfinity;  // no optimum in that direction: rounding decides the sign
   return std::sqrt(variance) / ((fit_.lens.intrinsics()[0] + fit_.lens.intrinsics()[1]) / 2);
 }
 

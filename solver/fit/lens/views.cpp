@@ -78,8 +78,7 @@ std::vector<std::string> missing_tilts(const std::vector<Eigen::Vector2d>& tilts
   if (tilted < kTiltedViews)
     missing.push_back(fmt::format(
         "add {} more view{} with the board {}: {} of {} are by more than {:g}; facing the camera, a near board looks "
-        "like "
-        "a long lens",
+        "like a long lens",
         kTiltedViews - tilted, kTiltedViews - tilted == 1 ? "" : "s", kHowToTilt, tilted, tilts.size(), kTilted));
   else if (turned == 0)
     missing.push_back(fmt::format("add a view with the board turned to the left or right, {}", kHowToTilt));
@@ -139,7 +138,7 @@ Result<void> check_enough(const std::vector<int>& group) {
   return error(
       ErrorCode::kRefused,
       "{} views of the board that differ{}, at least {} are needed: each gives two numbers for the lens beyond "
-      "the board's own pose, focal lengths and principal point take four; add {} views, the board in another "
+      "the board's own pose, focal lengths and principal point take four; add {}, the board in another "
       "corner of the picture each time and {}",
       distinct.size(), alike, kLeastViews, missing == 1 ? "a view" : fmt::format("{} views", missing), kHowToTilt);
 }
