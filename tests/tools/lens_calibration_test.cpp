@@ -168,6 +168,19 @@ TEST(LensCalibration, PhotosWithoutABoardAreListedAndDoNotStopTheRest) {
               ::testing::Contains(HasSubstr("no board found in 1 of 7 photos: not a picture that can be read")));
 }
 
+TEST(LensCalibration, FilesOfOneNameInManyFoldersAreToldApart) {
+  Place place;
+  std::vector<fs::path> inputs;
+  for (int i = 0; i < 5; ++i) {
+    const fs::path folder = place.photos / fmt::format("pose_{}", i);
+    fs::create_directories(folder);
+    std::ofstream(folder / "white.png") << photo(i);
+    inputs.push_back(folder / "white.png");
+  }
+  const LensReport report = calibrate_lens(inputs, place.model, place.options, place.progress).value();
+  EXPECT_EQ(report.photos[3].name, "pose_3/white.png");
+}
+
 TEST(LensCalibration, BadInputIsNamed) {
   Place place;
   EXPECT_THAT(place.refusal(), HasSubstr("holds no photos"));

@@ -110,7 +110,30 @@ def sweep(rows, labels, figure):
     legend.legend(handles=keys, loc="center left", fontsize=8, frameon=False)
 
 
-PLOTS = {"first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
+def lens(rows, axes):
+    """Share of pixels inside the predicted ellipses, and the held-out error of the real board beside OpenCV's."""
+    figure = axes.figure
+    axes.remove()
+    left, right = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.5, 1]})
+    rigs = [row for row in rows if row["trials"]][::-1]
+    for column, marker, colour, label in [("1 sigma %", "o", "C0", "near points"), ("1 sigma % far", "D", "C1", "directions")]:
+        for sigma in (column, column.replace("1", "2", 1)):
+            left.plot([float(r[sigma]) for r in rigs], range(len(rigs)), marker, color=colour, label=label if sigma == column else None)
+    for expected, name in [(39.3, "one sigma"), (86.5, "two sigma")]:
+        left.axvline(expected, color="0.4", lw=0.8)
+        left.axvspan(expected - 5, expected + 5, color="0.9", zorder=0)
+        left.annotate(name, (expected, len(rigs) - 0.45), ha="center", fontsize=8)
+    left.set(xlim=(0, 100), ylim=(-0.6, len(rigs) - 0.1), xlabel="% inside the predicted ellipse", yticks=range(len(rigs)), yticklabels=[r["rig"] for r in rigs])
+    left.legend(loc="lower left", fontsize=8)
+    board = [row for row in rows if row["held-out px"]]
+    for offset, column, label in [(-0.2, "held-out px", "lens"), (0.2, "OpenCV px", "calibrateCamera")]:
+        right.bar([i + offset for i in range(len(board))], [float(r[column]) for r in board], 0.38, label=label)
+    right.set(xticks=range(len(board)), xticklabels=[r["rig"].split(", ")[1].replace(" held out", "").replace("pose ", "") for r in board], xlabel="pose of graycode-board that is held out", ylabel="error, px rms")
+    if board:
+        right.legend(fontsize=8)
+
+
+PLOTS = {"lens": lens, "first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
 
 
 def sweeps_in(folder):
@@ -123,7 +146,7 @@ def draw(folder, name):
         return
     document = folder / f"{name}.json"
     labels = json.loads(document.read_text()).get("labels") if document.exists() else None
-    figure = plt.figure(figsize=(13, 4.8) if labels else (8, 4.5), layout="constrained")
+    figure = plt.figure(figsize=(13, 4.8) if labels else (11, 4.5) if name == "lens" else (8, 4.5), layout="constrained")
     if labels:
         sweep(rows_of(source), labels, figure)
     elif name in PLOTS:

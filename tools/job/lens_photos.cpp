@@ -118,6 +118,18 @@ Result<void> check_sizes(const std::vector<fs::path>& files, const std::vector<S
                fmt::join(lines, ", "));
 }
 
+// Names that tell the files apart: their paths below the folder that holds them all.
+std::vector<std::string> names_of(const std::vector<fs::path>& files) {
+  fs::path common = files.front().parent_path();
+  for (const fs::path& file : files)
+    while (!common.empty() && *file.lexically_relative(common).begin() == "..")
+      common = common.has_parent_path() && common != common.parent_path() ? common.parent_path() : fs::path();
+  std::vector<std::string> names;
+  for (const fs::path& file : files)
+    names.push_back(common.empty() ? file.string() : file.lexically_relative(common).string());
+  return names;
+}
+
 }  // namespace
 
 Result<std::vector<fs::path>> list_photos(const std::vector<fs::path>& inputs) {
@@ -156,14 +168,10 @@ Result<LensPhotos> find_boards(const std::vector<fs::path>& files, const std::op
   });
   CS_TRY_VOID(check_sizes(files, seen));
   result.data.board = result.board;
+  const std::vector<std::string> photo_names = names_of(files);
   std::map<std::string, std::string> names;  // by hash
   for (std::size_t i = 0; i < files.size(); ++i) {
-    LensPhoto photo{files[i].filename().string(),
-                    seen[i].detection.found,
-                    seen[i].detection.reason,
-                    seen[i].detection.seen,
-                    0,
-                    -1,
+    LensPhoto photo{photo_names[i],   seen[i].detection.found, seen[i].detection.reason, seen[i].detection.seen, 0, -1,
                     seen[i].thumbnail};
     if (seen[i].width > 0) result.data.width = seen[i].width, result.data.height = seen[i].height;
     if (photo.found) {
