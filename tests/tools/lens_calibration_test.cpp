@@ -203,6 +203,30 @@ TEST(LensCalibration, BadInputIsNamed) {
   EXPECT_FALSE(fs::exists(place.model));
 }
 
+TEST(LensCalibration, APlaceThatCannotBeWrittenIsNamedBeforeTheWork) {
+  Place place;  // without photos: nothing was looked at
+  const auto nowhere =
+      calibrate_lens({place.photos}, place.folder / "no" / "x.cameramodel", place.options, place.progress);
+  EXPECT_THAT(nowhere.error().message, HasSubstr("no' does not exist"));
+  fs::create_directories(place.model);
+  EXPECT_THAT(place.refusal(), HasSubstr("camera.cameramodel' is a folder"));
+  EXPECT_FALSE(fs::exists(place.folder / "camera.lens"));
+}
+
+TEST(LensCalibration, AFailureBetweenTheFilesPutsTheFormerOnesBack) {
+  Place place;
+  place.add_views(6);
+  ASSERT_TRUE(place.run());
+  const std::string model = read_text(place.model).value();
+  const std::string numbers = read_text(place.folder / "camera.lens" / "lens.json").value();
+  place.add("99.png", photo(20));
+  // Where the new model is first written stands something that a file cannot replace.
+  fs::create_directories(place.folder / "camera.new.cameramodel" / "full");
+  const std::string said = place.refusal();
+  EXPECT_EQ(read_text(place.model).value(), model) << said;
+  EXPECT_EQ(read_text(place.folder / "camera.lens" / "lens.json").value(), numbers);
+}
+
 TEST(LensCalibration, ABoardThatNobodyNamedIsRecognised) {
   Place place;
   place.add_views(6);

@@ -190,35 +190,48 @@ Result<void> write_folder(const fs::path& path, const LensReport& r) {
   });
 }
 
-// The new files are whole before the old ones move, and the old ones return where the last step fails.
+// Can the model be written there? Asked before the work.
+Result<void> check_place(const fs::path& model) {
+  if (model.extension() != ".cameramodel")
+    return error(ErrorCode::kBadValue, "'{}' must end in .cameramodel", model.string());
+  if (fs::is_directory(model))
+    return error(ErrorCode::kBadValue, "'{}' is a folder; give the name of a file with -o", model.string());
+  const fs::path folder = model.has_parent_path() ? model.parent_path() : fs::path(".");
+  if (!fs::is_directory(folder))
+    return error(ErrorCode::kBadValue, "folder '{}' does not exist; create it first or correct the name",
+                 folder.string());
+  return {};
+}
+
+// The new files are whole before the old ones move, and the old ones return where the last steps fail.
 Result<void> write_all(const LensFiles& files, LensReport& r) {
   const auto [kept_model, kept_folder] = former_names(files.model);
   const bool model_there = fs::exists(files.model), folder_there = fs::exists(files.folder);
   if (model_there) r.notes.push_back(fmt::format("the former model is kept as '{}'", kept_model.filename().string()));
-  const fs::path fresh = with_suffix(files.model, ".new.lens"),
+  const fs::path fresh_folder = with_suffix(files.model, ".new.lens"),
                  fresh_model = with_suffix(files.model, ".new" + files.model.extension().string());
-  std::error_code code;
-  fs::remove_all(fresh, code);
+  std::error_code failed, ignored;
+  fs::remove_all(fresh_folder, ignored);  // of a run that was killed
   CS_TRY_VOID(solver::write_fitted_cameramodel(fresh_model, r.data, r.fit()));
-  if (Result<void> written = write_folder(fresh, r); !written) {
-    fs::remove(fresh_model, code);
+  if (Result<void> written = write_folder(fresh_folder, r); !written) {
+    fs::remove(fresh_model, ignored);
     return written;
   }
-  std::error_code failed;
-  if (folder_there) fs::rename(files.folder, kept_folder, failed);
-  if (!failed) fs::rename(fresh, files.folder, failed);
-  if (!failed && model_there) fs::copy_file(files.model, kept_model, failed);
+  if (model_there) fs::copy_file(files.model, kept_model, failed);
+  if (!failed && folder_there) fs::rename(files.folder, kept_folder, failed);
+  const bool folder_moved = !failed && folder_there;
+  if (!failed) fs::rename(fresh_folder, files.folder, failed);
+  const bool folder_placed = !failed;
   if (!failed) fs::rename(fresh_model, files.model, failed);
   if (!failed) {
-    fs::remove(files.refused, code);
+    fs::remove(files.refused, ignored);
     return {};
   }
-  fs::remove_all(fresh, code);
-  fs::remove(fresh_model, code);
-  if (fs::exists(kept_folder)) {
-    fs::remove_all(files.folder, code);
-    fs::rename(kept_folder, files.folder, code);
-  }
+  if (folder_placed) fs::remove_all(files.folder, ignored);
+  if (folder_moved) fs::rename(kept_folder, files.folder, ignored);
+  fs::remove_all(fresh_folder, ignored);
+  fs::remove(fresh_model, ignored);
+  fs::remove(kept_model, ignored);
   return error(ErrorCode::kIo, "cannot replace '{}': {}; the former model stays; check permissions and space",
                files.model.string(), failed.message());
 }
@@ -288,8 +301,7 @@ LensFiles lens_files(const fs::path& model) {
 
 Result<LensReport> calibrate_lens(const std::vector<fs::path>& inputs, const fs::path& model,
                                   const LensOptions& options, Progress& progress) {
-  if (model.extension() != ".cameramodel")
-    return error(ErrorCode::kBadValue, "'{}' must end in .cameramodel", model.string());
+  CS_TRY_VOID(check_place(model));
   CS_TRY(const std::vector<fs::path> files, list_photos(inputs));
   CS_TRY(LensPhotos found, find_boards(files, options.board, progress));
   const std::string without = photos_without(found.photos);
