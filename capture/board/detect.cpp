@@ -213,6 +213,18 @@ int clean_half_window(const Board& board, float square_px) {
   return std::min(12, static_cast<int>(std::floor(margin * square_px)));
 }
 
+// Do the points hold a plane: at least four lie outside the fullest row, and outside the fullest column?
+bool spans_plane(const Board& board, const std::vector<Eigen::Vector2d>& q) {
+  std::vector<int> rows(board.grid_rows()), columns(board.grid_columns());
+  int all = 0;
+  for (int i = 0; i < board.points(); ++i) {
+    if (!std::isfinite(q[i].x())) continue;
+    ++rows[i / board.grid_columns()], ++columns[i % board.grid_columns()], ++all;
+  }
+  return all - *std::max_element(rows.begin(), rows.end()) >= 4 &&
+         all - *std::max_element(columns.begin(), columns.end()) >= 4;
+}
+
 Detection from_markers(const cv::Mat& grey, const Board& board, Markers markers) {
   Detection result;
   result.q_px.assign(board.points(), {kNaN, kNaN});
@@ -246,13 +258,17 @@ Detection from_markers(const cv::Mat& grey, const Board& board, Markers markers)
     result.q_px[i] = refine(grey, p.sum / p.count, half);
     result.seen += std::isfinite(result.q_px[i].x());
   }
-  result.found = result.seen >= kLeastPoints;
-  if (!result.found)
-    result.reason = small > result.seen
-                        ? "the markers are too small in the picture to place their corners (16 pixels a square are "
-                          "needed); go nearer"
-                        : fmt::format("only {} of {} points were seen, {} are needed; show more of the board",
-                                      result.seen, board.points(), kLeastPoints);
+  result.found = result.seen >= kLeastPoints && spans_plane(board, result.q_px);
+  if (result.found) return result;
+  if (small > result.seen)
+    result.reason =
+        "the markers are too small in the picture to place their corners (16 pixels a square are needed); go nearer";
+  else if (result.seen >= kLeastPoints)
+    result.reason =
+        fmt::format("the {} points that were seen lie almost in a line; show more of the board", result.seen);
+  else
+    result.reason = fmt::format("only {} of {} points were seen, {} are needed; show more of the board", result.seen,
+                                board.points(), kLeastPoints);
   return result;
 }
 

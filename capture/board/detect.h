@@ -21,7 +21,8 @@ struct Detection {
 // photo: any scale, 1 or 3 channels. Chessboards by their sectors (Duda & Frese 2018, OpenCV's
 // findChessboardCornersSB), seen whole. Tags (Krogius et al. 2019, libapriltag) and ArUco markers (Garrido-Jurado et
 // al. 2014, OpenCV) say which points are where, parts of a board are enough; each point is then the saddle of the
-// brightness around it. Fewer than kLeastPoints points are not enough for a pose with something left over.
+// brightness around it. Fewer than kLeastPoints points, or points almost in a line, are not enough for a pose with
+// something left over.
 Detection detect_board(const Image& photo, const Board& board);
 inline constexpr int kLeastPoints = 12;
 

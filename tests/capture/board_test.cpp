@@ -89,6 +89,19 @@ TEST(BoardDetection, PartOfAMarkerBoardIsEnough) {
   EXPECT_LT(e.worst, 0.3);  // pixels: no point under another's number
 }
 
+TEST(BoardDetection, PointsInALineAreNotEnough) {
+  const Board board = parse_board("charuco:14x3:30mm").value();  // two rows of points
+  Pose pose;
+  pose.translation =
+      Eigen::Vector3d(-0.108, -0.222, 0.42);  // of the upper border only the second row is in the picture
+  const simdata::BoardCamera camera(Lens::pinhole(500, 319.5, 239.5, 640, 480));
+  Random random(3);
+  const Image photo = camera.photo(BoardPattern(board), pose, {}, random);
+  const Detection found = detect_board(photo, board);
+  EXPECT_FALSE(found.found);
+  EXPECT_THAT(found.reason, HasSubstr("almost in a line"));
+}
+
 TEST(BoardDetection, SaysWhichOtherSizeWasSeen) {
   const Board chessboard = parse_board("chessboard:9x7:20mm").value();
   const Image photo = photo_of("chessboard:9x7:20mm", tilted(chessboard, 0.34));

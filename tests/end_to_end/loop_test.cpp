@@ -196,6 +196,9 @@ INSTANTIATE_TEST_SUITE_P(
         BadInput{"NoPhotos", kRig, "import @/rig.toml --photos @/nowhere -o @/out", "nowhere"},
         BadInput{"NoSession", kRig, "calibrate @/nowhere -o @/out", "nowhere"},
         BadInput{"NoCalibration", kRig, "compensate @/nowhere --picture p=a.png -o @/out", "nowhere"},
+        BadInput{"NoBoardPhotos", kRig, "lens @ -o @/out.cameramodel", "holds no photos"},
+        BadInput{"NoPhotosOfABoard", kRig, "lens @/nowhere -o @/out.cameramodel", "nowhere"},
+        BadInput{"UnknownBoard", kRig, "lens @ --board chesboard:9x7:2cm -o @/out.cameramodel", "'chessboard'"},
         BadInput{"OutputExists", kRig, "patterns @/rig.toml -o @", "exists"}),
     [](const auto& info) { return std::string(info.param.name); });
 

@@ -257,8 +257,8 @@ Result<LensReport> fit_all(LensPhotos& found, const LensOptions& options, Progre
   CS_TRY_VOID(solver::check_held(of_focal, r.views));
   if (r.board_recognised)
     r.notes.push_back(
-        fmt::format("the board was recognised as {}; its square was not stated, so distances are in units of "
-                    "it (a lens does not depend on them)",
+        fmt::format("the board was recognised as {}; its square was not stated: distances suppose 25 "
+                    "mm, the lens does not depend on it",
                     r.board.name()));
   add_quality(r, uncertainty, group);
   for (LensPhoto& photo : found.photos) {

@@ -94,7 +94,7 @@ std::string photos_html(const LensReport& r) {
                     fmt::format("{:.3f}", r.views.distance_m[p.view])});
   }
   return "<h2>Views</h2>" + table_html({"photo", "points", "residual, px rms", "tilt, degrees",
-                                        r.board_recognised ? "distance, squares / 40" : "distance, m"},
+                                        r.board_recognised ? "distance, m (of squares of 25 mm)" : "distance, m"},
                                        rows);
 }
 

@@ -152,6 +152,20 @@ double mean_of(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
+// Views that no rung predicts say nothing about rungs; how many.
+std::size_t leave_out_unjudged(std::vector<std::vector<double>>& squares) {
+  std::size_t views = 0, left = 0;
+  for (const auto& rung : squares) views = std::max(views, rung.size());
+  for (std::size_t v = views; v-- > 0;) {
+    const auto judged = [&](const auto& rung) { return v < rung.size() && std::isfinite(rung[v]); };
+    if (std::any_of(squares.begin(), squares.end(), judged)) continue;
+    for (auto& rung : squares)
+      if (v < rung.size()) rung.erase(rung.begin() + static_cast<std::ptrdiff_t>(v));
+    ++left;
+  }
+  return left;
+}
+
 struct Excess {
   double mean = 0, sigma = 0;
 };
@@ -246,11 +260,18 @@ Result<LensChoice> choose_lens(const BoardViews& data, const std::vector<int>& g
   double done = 0;
   progress.step("held-out views", 0, steps);
   std::vector<std::vector<double>> squares(choice.rungs.size());
+  for (std::size_t i = 0; i < choice.rungs.size(); ++i)
+    if (choice.rungs[i].fitted)
+      squares[i] =
+          cross_validate(data, choice.rungs[i], folds, [&] { progress.step("held-out views", ++done, steps); });
+  const std::size_t left_out = leave_out_unjudged(squares);
+  if (left_out > 0)
+    choice.notes.push_back(
+        fmt::format("{} views have too few points to be held out; they are fitted but judge nothing", left_out));
   int best = -1;
   for (std::size_t i = 0; i < choice.rungs.size(); ++i) {
     LensRung& rung = choice.rungs[i];
     if (!rung.fitted) continue;
-    squares[i] = cross_validate(data, rung, folds, [&] { progress.step("held-out views", ++done, steps); });
     rung.held_out_px = std::sqrt(mean_of(squares[i]));
     if (!std::isfinite(rung.held_out_px)) {
       rung.fitted = false;

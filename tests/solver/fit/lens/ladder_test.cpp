@@ -60,6 +60,17 @@ TEST(LensLadder, SplineForALensThatNoneOfTheOthersDescribes) {
   EXPECT_THAT(chosen({"ladder spline", 40, lens_of(model, intrinsics), 0.7, 0.8}), HasSubstr("SPLINED_STEREOGRAPHIC"));
 }
 
+TEST(LensLadder, AViewThatCannotBeHeldOutJudgesNothing) {
+  SeenBoards seen("poor view", 10);
+  for (int i = 6; i < 63; ++i) seen.data.views[4][i] = {NAN, NAN};  // six points of one row hold no pose by halves
+  seen.data.views[4][9] = seen.lens.project(seen.poses[4] * seen.data.board.point(9));
+  seen.data.views[4][30] = seen.lens.project(seen.poses[4] * seen.data.board.point(30));
+  SilentProgress progress;
+  const LensChoice choice = choose_lens(seen.data, each_its_own(seen), {}, progress).value();
+  EXPECT_THAT(choice.rung().model, HasSubstr("OPENCV"));
+  EXPECT_THAT(choice.notes, ::testing::Contains(HasSubstr("1 views have too few points to be held out")));
+}
+
 TEST(LensLadder, HeldOutErrorOfTheTrueLensIsTheNoise) {
   const SeenBoards seen("held out", 30);
   double mean = 0;
