@@ -9,6 +9,7 @@
 #include "calib/base/parallel.h"
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
+#include "capture/pattern/diagnose.h"
 #include "capture/session/frame_check.h"
 #include "capture/session/runner.h"
 #include "capture/session/session_folder.h"
@@ -79,6 +80,7 @@ class Import {
   Result<void> check_light(std::size_t camera) const;
   Result<void> check_white_seen() const;
   Result<void> check_order(std::size_t camera) const;
+  std::string diagnosis(std::size_t camera) const;
   Result<void> check_pair(std::size_t camera, int position, const Companions& with) const;
 
   const Rig& rig_;
@@ -303,9 +305,32 @@ Result<void> Import::check_order(std::size_t camera) const {
   return {};
 }
 
+// What order the photos of a camera are in, where it is not that of the sequence.
+std::string Import::diagnosis(std::size_t camera) const {
+  const PhotoSource photos = [&](int index) -> Result<Photo> {
+    for (int position = 0; position < static_cast<int>(sequence_.frames.size()); ++position)
+      if (sequence_.frames[position].index == index)
+        return read_photo(first(camera, position)->path, rig_.cameras[camera]);
+    return error(ErrorCode::kBadFile, "no frame has index {}", index);
+  };
+  std::string text;
+  for (const auto& [id, resolution] : sequence_.projectors) {
+    Suspect suspect{rig_.cameras[camera].id, id};
+    suspect.response = rig_.cameras[camera].response, suspect.photos_too = false;
+    const std::string found = text_of(diagnose(sequence_, photos, suspect));
+    if (!found.empty()) text += (text.empty() ? "" : " ") + found;
+  }
+  return text;
+}
+
 Result<void> Import::check_content() const {
   for (std::size_t c = 0; c < rig_.cameras.size(); ++c) CS_TRY_VOID(check_light(c));
-  for (std::size_t c = 0; c < rig_.cameras.size(); ++c) CS_TRY_VOID(check_order(c));
+  for (std::size_t c = 0; c < rig_.cameras.size(); ++c)
+    if (const auto checked = check_order(c); !checked) {
+      const std::string why = diagnosis(c);
+      if (why.empty()) return checked;
+      return error(checked.error().code, "{}. {}", checked.error().message, why);
+    }
   return check_white_seen();
 }
 

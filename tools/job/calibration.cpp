@@ -9,6 +9,7 @@
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
 #include "capture/pattern/decode.h"
+#include "capture/pattern/diagnose.h"
 #include "capture/pattern/pattern.h"
 #include "solver/compensate/compensate.h"
 #include "solver/fit/photometric_fit.h"
@@ -22,18 +23,40 @@ using capture::Correspondence;
 using nlohmann::json;
 namespace fs = std::filesystem;
 
-Result<std::vector<Correspondence>> decode_all(const Session& session, const std::string& camera,
-                                               const fs::path& folder, CalibrationSummary& summary,
+// What the decoder gave, and what is wrong with it, as notes; where it refused, in its error.
+Result<Correspondence> decode_and_diagnose(const Session& session, const CameraSpec& camera,
+                                           const std::string& projector, bool first, std::vector<std::string>& notes,
+                                           Progress& progress) {
+  Result<Correspondence> c = capture::decode(session, camera.id, projector, {}, progress);
+  const capture::PhotoSource photos = [&](int index) { return session.photo(camera.id, index); };
+  const auto findings =
+      capture::diagnose(session.sequence(), photos, {camera.id, projector, c ? &*c : nullptr, camera.response, first});
+  if (!c && findings.empty()) return c;
+  if (!c) return error(c.error().code, "{} {}", c.error().message, capture::text_of(findings));
+  for (const capture::Finding& f : findings) notes.push_back(f.sentence);
+  return c;
+}
+
+// findings (out): all sentences that say what is wrong with the photos.
+Result<std::vector<Correspondence>> decode_all(const Session& session, const CameraSpec& camera, const fs::path& folder,
+                                               CalibrationSummary& summary, std::vector<std::string>& findings,
                                                Progress& progress) {
   std::vector<Correspondence> all;
   for (const auto& [id, resolution] : session.sequence().projectors) {
-    CS_TRY(Correspondence c, capture::decode(session, camera, id, {}, progress));
+    CS_TRY(Correspondence c, decode_and_diagnose(session, camera, id, all.empty(), findings, progress));
     CS_TRY_VOID(capture::write_correspondence(folder, c));
-    CS_TRY_VOID(capture::write_reason_picture(folder / (camera + "-" + id + "-reasons.png"), c));
+    CS_TRY_VOID(capture::write_reason_picture(folder / (camera.id + "-" + id + "-reasons.png"), c));
     summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit});
     all.push_back(std::move(c));
   }
+  summary.notes.insert(summary.notes.end(), findings.begin(), findings.end());
   return all;
+}
+
+// Whatever could not be done with photos that do not fit their sequence, that is the first thing to know.
+Error after_findings(const Error& e, const std::vector<std::string>& findings) {
+  if (findings.empty()) return e;
+  return error(e.code, "{} Before that, the photos do not fit their sequence: {}", e.message, fmt::join(findings, " "));
 }
 
 // Square patches: 32 along the longest side of any chart; charts that share a crease share the count along it.
@@ -285,8 +308,9 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   if (code)
     return error(ErrorCode::kIo, "cannot create '{}': {}", (folder / "correspondence").string(), code.message());
   CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(without_paths(rig, camera.id))));
+  std::vector<std::string> findings;
   CS_TRY(const std::vector<Correspondence> decoded,
-         decode_all(session, camera.id, folder / "correspondence", summary, progress));
+         decode_all(session, camera, folder / "correspondence", summary, findings, progress));
   if (camera.model.empty()) {
     summary.notes.push_back(fmt::format(
         "camera '{}' has no lens model ([[camera]] model = a .cameramodel): no geometry, no light model", camera.id));
@@ -304,8 +328,9 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   for (const Correspondence& c : decoded) observations.push_back({*rig.projector(c.projector), &c.x, &c.y, &c.sigma});
   solver::GeometryOptions geometry_options;
   geometry_options.planes = rig.screen.planes;
-  CS_TRY(const solver::GeometryFit geometry,
-         solver::fit_geometry(lens, observations, rig.screen, geometry_options, progress));
+  const auto fitted = solver::fit_geometry(lens, observations, rig.screen, geometry_options, progress);
+  if (!fitted) return after_findings(fitted.error(), findings);
+  const solver::GeometryFit& geometry = *fitted;
   summary.has_geometry = true;
   summary.notes.insert(summary.notes.end(), geometry.notes.begin(), geometry.notes.end());
   for (const auto& p : geometry.projectors) summary.reprojection_px.push_back(p.rms_px);
