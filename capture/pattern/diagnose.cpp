@@ -453,7 +453,7 @@ std::optional<Finding> check_exchange(const Sequence& sequence, const PhotoSourc
   for (const auto& [id, resolution] : sequence.projectors) {
     if (id == suspect.projector) continue;
     const double other = agrees(id);
-    if (other < 0.6 || other < own + 0.3 || (found && found->if_so > other)) continue;
+    if (other < 0.6 || other < own + 0.2 || (found && found->if_so > other)) continue;
     found = Finding{
         "projectors-exchanged", own, other,
         fmt::format("camera '{}', projector '{}': the photo of {} agrees with what projector '{}' showed "

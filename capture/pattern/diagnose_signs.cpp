@@ -162,13 +162,20 @@ std::optional<double> agreement(const Correspondence& c, const Picture& picture,
                                 const Image& black) {
   double n = 0, sp = 0, sr = 0, spp = 0, srr = 0, spr = 0;
   const int stride = std::max(1, c.reason.width() / 300);
+  // Where the projector is strongest: elsewhere the others make more of the light than it does.
+  std::vector<float> ranges;
+  for (std::size_t i = 0; i < white.data().size(); i += 7)
+    if (!c.reason.data()[i]) ranges.push_back(white.data()[i] - black.data()[i]);
+  if (ranges.size() < 100) return std::nullopt;
+  const float least = median(ranges);
   for (int v = 0; v < c.reason.height(); v += stride)
     for (int u = 0; u < c.reason.width(); u += stride) {
       const float x = c.x.at(u, v), y = c.y.at(u, v), range = white.at(u, v) - black.at(u, v);
-      if (!std::isfinite(x) || !std::isfinite(y) || !(range > 0)) continue;
+      if (!std::isfinite(x) || !std::isfinite(y) || !(range > least)) continue;
       const int px = std::clamp(static_cast<int>(std::lround(x)), 0, picture.width() - 1);
       const int py = std::clamp(static_cast<int>(std::lround(y)), 0, picture.height() - 1);
-      const double green = picture.at(px, py, 1) / 65535.0, p = green * green;  // near enough to any response
+      double p = 0;
+      for (int k = 0; k < 3; ++k) p += std::pow(picture.at(px, py, k) / 65535.0, 2) / 3;  // near enough to any response
       const double r = std::clamp((photo.at(u, v) - black.at(u, v)) / range, -1.0f, 2.0f);
       n += 1, sp += p, sr += r, spp += p * p, srr += r * r, spr += p * r;
     }

@@ -53,10 +53,11 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
   return all;
 }
 
-// Whatever could not be done with photos that do not fit their sequence, that is the first thing to know.
+// Where photos do not fit their sequence, that is the first thing to know of what could not be done.
 Error after_findings(const Error& e, const std::vector<std::string>& findings) {
   if (findings.empty()) return e;
-  return error(e.code, "{} Before that, the photos do not fit their sequence: {}", e.message, fmt::join(findings, " "));
+  return error(e.code, "The photos do not fit their sequence: {} So this could not be done: {}",
+               fmt::join(findings, " "), e.message);
 }
 
 // Square patches: 32 along the longest side of any chart; charts that share a crease share the count along it.
