@@ -260,7 +260,7 @@ TEST(AnotherProjector, OfEqualResolutionIsNamedByAHeldOutPicture) {
   ASSERT_TRUE(c) << c.error().message;
   const auto findings = diagnose(exchanged, photos, {"cam", "q", &*c});
   ASSERT_EQ(names(findings), "projectors-exchanged ");
-  EXPECT_GT(findings[0].if_so, 0.8);
+  EXPECT_GT(findings[0].if_so, 0.6);  // this camera sees green alone
   EXPECT_LT(findings[0].as_given, 0.4);
 }
 
