@@ -209,6 +209,7 @@ struct Tried {
   double total = 0;              // mean share of the axes, those that the edit leaves alone included
   double before = 0, after = 0;  // of those that it is about
   int axis = -1;                 // -1: both
+  bool twice = false;            // shifted photos: the one in question is that of its neighbour
 };
 
 class Trials {
@@ -230,6 +231,7 @@ class Trials {
  private:
   std::vector<Tried> by_axis();
   std::optional<Tried> best_shift(int step);
+  bool is_twice(int position);
   Tried unbounded();
   Tried tried(const Edit& edit, const Trial::Fit (&fit)[2]) const;
 
@@ -296,7 +298,18 @@ std::optional<Tried> Trials::best_shift(int step) {
     if (const double share = few(editor_.shifted(k, step).sequence); share > best) best = share, position = k;
   }
   if (position < 0) return std::nullopt;
-  return whole(editor_.shifted(position, step));
+  Tried t = whole(editor_.shifted(position, step));
+  t.twice = is_twice(position);
+  return t;
+}
+
+// Whether the photo of a position is also that of one beside it.
+bool Trials::is_twice(int position) {
+  for (int k = position - 1; k <= position + 1; ++k)
+    if (k > 0 && k < static_cast<int>(given_.frames.size()) && is_code(given_.frames[k].role) &&
+        is_code(given_.frames[k - 1].role) && trial_.same(given_.frames[k - 1].index, given_.frames[k].index))
+      return true;
+  return false;
 }
 
 // What the code says when nothing bounds it, and who could have shown that.
@@ -327,8 +340,13 @@ std::vector<Tried> Trials::all() {
   for (const auto& [id, resolution] : given_.projectors)
     if (id != projector_) all.push_back(whole(editor_.exchanged_code(id)));
   all.push_back(unbounded());
-  for (const int step : {-1, 1})
-    if (const auto t = best_shift(step)) all.push_back(*t);
+  auto missing = best_shift(-1);
+  const auto doubled = best_shift(1);
+  // Where all photos are a pair too early, each bit reads as the next finer one: a map of half the scale, as smooth as
+  // the true one. But then a photo is there twice.
+  if (missing && doubled && missing->twice && doubled->total > missing->total - kRival) missing.reset();
+  if (missing) all.push_back(*missing);
+  if (doubled) all.push_back(*doubled);
   std::erase_if(all, [](const Tried& t) { return t.after < kLeast || t.after < t.before + kGain; });
   std::stable_sort(all.begin(), all.end(), [](const Tried& a, const Tried& b) { return a.total > b.total; });
   if (!all.empty()) std::erase_if(all, [best = all[0].total](const Tried& t) { return t.total < best - kRival; });

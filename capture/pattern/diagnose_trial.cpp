@@ -227,6 +227,17 @@ Trial::Fit Trial::fit(const Sequence& edited, int axis, bool few) {
   return known_.back().fit;
 }
 
+bool Trial::same(int index, int other) {
+  const auto a = photo(index), b = photo(other);
+  if (!a || !b) return false;
+  double difference = 0, light = 0;
+  for (std::size_t i = 0; i < lit_.data().size(); ++i) {
+    if (!lit_.data()[i]) continue;
+    difference += std::abs(a->value.data()[i] - b->value.data()[i]), light += all_light_.data()[i];
+  }
+  return difference < 0.05 * light;
+}
+
 Trial::Fit Trial::decode(const Sequence& one, int axis, std::size_t places) {
   const auto plan = plan_code(one, projector_);
   if (!plan) return {};

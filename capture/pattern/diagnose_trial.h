@@ -30,6 +30,9 @@ class Trial {
   // `few`: judged by a fifth of the places. What was tried before is remembered.
   Fit fit(const Sequence& edited, int axis, bool few = false);
 
+  // Whether two photos show the same, up to a twentieth of the light. False where one cannot be read.
+  bool same(int index, int other);
+
   // The index of a frame that was not photographed: its photo is what all light less that of photo `index` would be.
   static int complement_of(int index) { return kComplement + index; }
 

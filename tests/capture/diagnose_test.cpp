@@ -153,6 +153,15 @@ TEST_P(CodeStated, AFrameTooFewOrTooManyIsNamedAndFound) {
   EXPECT_THAT(doubled[0].sentence, AnyOf(HasSubstr("frame 7 ("), HasSubstr("frame 8 (")));  // both photos show 7
 }
 
+// With all bits behind it one too coarse, an axis reads as smoothly at half its scale.
+TEST(FrameDoubled, IsNotTakenForAMissingOneThatWouldHalveTheScale) {
+  const View view = noisy();
+  const Sequence shown = fake::sequence_of(view, "gray");
+  const PhotoSource photos = photos_of(view, shown);
+  for (const int k : {22, 24})  // bits 7 and 6 of y begin at 20 and 22
+    EXPECT_EQ(names(findings_of(shown, shifted(photos, shown, k, -1))), "frame-doubled ") << k;
+}
+
 TEST_P(BitsStated, WithInverseSwappedIsNamed) {
   const View view = noisy();
   const Sequence shown = fake::sequence_of(view, GetParam());
@@ -352,6 +361,7 @@ std::vector<Sound> sound_views() {
   add("many camera pixels each",
       [](View& view) { view.map = [](double u, double v) { return std::pair(20.3 + 0.2 * u, 41.2 + 0.17 * v); }; });
   add("dim", [](View& view) { view.gain = 0.03; });
+  add("very dim", [](View& view) { view.gain = 0.015; });
   add("daylight", [](View& view) { view.gain = 0.15, view.ambient = 0.6; });
   add("occlusion edges", [](View& view) {
     view.map = [](double u, double v) {
