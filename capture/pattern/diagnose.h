@@ -37,12 +37,12 @@ struct Suspect {
   bool photos_too = true;                   // look for gamma and JPEG: once per camera is enough
 };
 
-// Findings, most telling first. The photos themselves (gamma-encoded, jpeg) and the handedness of what was decoded are
-// always looked at: four photos at most. Only where the decoder refused, or little of what is lit fits its neighbours
-// (reads_poorly), or the picture is mirrored, is every photo of the projector read once more, in about fifty places,
-// and each edit of the sequence that would be a likely mistake is decoded there. An edit is named when half of these
-// pixels fit then and 15 % more than as given: what a wrong edit reaches on sound photos stays below a third of what is
-// given (docs/sequence.md). Nothing is repaired.
+// Findings, most telling first. The photos themselves (gamma-encoded, jpeg), the handedness of what was decoded, and a
+// held-out picture where there are several projectors, are always looked at: five photos at most. Only where the
+// decoder refused, or little of what is lit fits its neighbours (reads_poorly), or the picture is mirrored, is every
+// photo of the projector read once more, in up to 48 places, and each edit of the sequence that would be a likely
+// mistake is decoded there. An edit is named when half of these pixels fit then and 15 % more than as given: with less,
+// edges and indirect light leave too few pixels that could tell. Nothing is repaired.
 std::vector<Finding> diagnose(const Sequence& sequence, const PhotoSource& photos, const Suspect& suspect);
 
 // On one axis, less than three quarters of the lit pixels were accepted, or of those, lie on one plane with the pixels
