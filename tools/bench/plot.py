@@ -133,7 +133,38 @@ def lens(rows, axes):
         right.legend(fontsize=8)
 
 
-PLOTS = {"lens": lens, "first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
+CODES = {"gray": "C0", "xor-02": "C4", "xor-04": "C2", "micro-phase": "C3", "micro-phase-9": "C1", "phase": "C5"}
+
+
+def decode_economy(rows, axes):
+    """Error against the number of patterns: bias filled, random error open, one point per code, room and exponent."""
+    for code, colour in CODES.items():
+        chosen = [r for r in rows if r["code"] == code]
+        for column, filled in [("bias px", True), ("random px", False)]:
+            axes.plot([int(r["patterns"]) for r in chosen], [number(r[column]) for r in chosen], "o", color=colour, mfc=colour if filled else "none", label=code if filled and chosen else None)
+    axes.axhline(0.02, color="0.4", lw=0.8)
+    axes.axhline(0.1, color="0.4", lw=0.8, ls="--")
+    axes.set(yscale="log", xlabel="patterns for both axes", ylabel="px: bias (filled), random (open)")
+    axes.legend(fontsize=8)
+
+
+def pre_scan(rows, axes):
+    """Pixels lost, forecast from eight photos against what decoding then found."""
+    rows = [r for r in rows if r["code"] in CODES]
+    for code, colour in CODES.items():
+        chosen = [r for r in rows if r["code"] == code]
+        if not chosen:
+            continue
+        at, found = [max(0.01, number(r["forecast lost %"])) for r in chosen], [max(0.01, number(r["lost %"])) for r in chosen]
+        axes.plot(at, found, "o", color=colour, mfc="none", ms=4, label=code)
+        taken = [i for i, r in enumerate(chosen) if r["chosen"] == "yes"]
+        axes.plot([at[i] for i in taken], [found[i] for i in taken], "o", color=colour, ms=6)
+    axes.plot([0.01, 100], [0.01, 100], color="0.4", lw=0.8)
+    axes.set(xscale="log", yscale="log", xlabel="lost, forecast, % (filled: chosen)", ylabel="lost, found, %")
+    axes.legend(fontsize=8)
+
+
+PLOTS = {"lens": lens, "decode-economy": decode_economy, "pre-scan": pre_scan, "first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
 
 
 def sweeps_in(folder):

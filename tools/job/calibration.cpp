@@ -10,6 +10,7 @@
 #include "calib/image/image_file.h"
 #include "capture/pattern/decode.h"
 #include "capture/pattern/diagnose.h"
+#include "capture/pattern/held_out.h"
 #include "capture/pattern/pattern.h"
 #include "solver/compensate/compensate.h"
 #include "solver/fit/photometric_fit.h"
@@ -22,6 +23,9 @@ namespace {
 using capture::Correspondence;
 using nlohmann::json;
 namespace fs = std::filesystem;
+
+constexpr double kMostWrong =
+    0.002;  // of decoded pixels, by held-out patterns: more than decoders leave on real boards
 
 // What the decoder gave, and what is wrong with it, as notes; where it refused, in its error.
 Result<Correspondence> decode_and_diagnose(const Session& session, const CameraSpec& camera,
@@ -46,8 +50,19 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
     CS_TRY(Correspondence c, decode_and_diagnose(session, camera, id, all.empty(), findings, progress));
     CS_TRY_VOID(capture::write_correspondence(folder, c));
     CS_TRY_VOID(capture::write_reason_picture(folder / (camera.id + "-" + id + "-reasons.png"), c));
-    summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit});
+    summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit, 0, 0});
     all.push_back(std::move(c));
+  }
+  const capture::PhotoSource photos = [&](int index) { return session.photo(camera.id, index); };
+  CS_TRY(const std::vector<capture::CodeAudit> audits, capture::audit_codes(session.sequence(), photos, all));
+  for (std::size_t q = 0; q < audits.size(); ++q) {
+    summary.decoded[q].judged = audits[q].judged, summary.decoded[q].wrong = audits[q].wrong();
+    if (audits[q].judged > 1000 && audits[q].wrong() > kMostWrong)
+      summary.notes.push_back(fmt::format(
+          "projector '{}': block patterns that decoding has not seen contradict {:.2f} % of its pixels (bound "
+          "{:.2f} %): something moved during the capture, or the code does not suit the room; look at its "
+          "reasons picture, and capture again with --code xor-04",
+          summary.decoded[q].projector, 100 * audits[q].wrong(), 100 * kMostWrong));
   }
   summary.notes.insert(summary.notes.end(), findings.begin(), findings.end());
   return all;
@@ -242,7 +257,11 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
 json summary_json(const CalibrationSummary& s) {
   json decoded = json::array();
   for (const DecodeSummary& d : s.decoded)
-    decoded.push_back({{"projector", d.projector}, {"lit_pixels", d.lit}, {"accepted_share", d.accepted}});
+    decoded.push_back({{"projector", d.projector},
+                       {"lit_pixels", d.lit},
+                       {"accepted_share", d.accepted},
+                       {"judged_pixels", d.judged},
+                       {"wrong_share", d.wrong}});
   return {{"format_version", 1},
           {"decoded", decoded},
           {"has_geometry", s.has_geometry},
@@ -262,7 +281,8 @@ json summary_json(const CalibrationSummary& s) {
 CalibrationSummary summary_from(const json& j) {
   CalibrationSummary s;
   for (const json& d : j.at("decoded"))
-    s.decoded.push_back({d.at("projector"), d.at("accepted_share"), d.at("lit_pixels")});
+    s.decoded.push_back({d.at("projector"), d.at("accepted_share"), d.at("lit_pixels"), d.value("judged_pixels", 0ul),
+                         d.value("wrong_share", 0.0)});
   s.has_geometry = j.at("has_geometry");
   s.has_model = j.at("has_model");
   s.reprojection_px = j.at("reprojection_rms_px").get<std::vector<double>>();

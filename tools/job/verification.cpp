@@ -34,7 +34,10 @@ bool near_crease(const solver::Model& model, const ChartPoint& at, double reach)
 Table calibration_table(const CalibrationSummary& s) {
   Table t{"Calibration", {"what", "value"}, {}};
   for (const DecodeSummary& d : s.decoded)
-    t.rows.push_back({"decoded by " + d.projector, fmt::format("{:.2f} % of {} lit pixels", 100 * d.accepted, d.lit)});
+    t.rows.push_back(
+        {"decoded by " + d.projector,
+         fmt::format("{:.2f} % of {} lit pixels{}", 100 * d.accepted, d.lit,
+                     d.judged ? fmt::format("; {:.3f} % wrong by held-out patterns", 100 * d.wrong) : "")});
   for (std::size_t q = 0; q < s.reprojection_px.size(); ++q)
     t.rows.push_back({"reprojection of " + s.decoded[q].projector, fmt::format("{:.3f} px rms", s.reprojection_px[q])});
   for (std::size_t i = 0; i < s.crease_angle_deg.size(); ++i)
