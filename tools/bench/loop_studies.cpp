@@ -4,10 +4,10 @@
 
 #include "calib/base/random.h"
 #include "calib/file/file.h"
-#include "capture/session/runner.h"
 #include "simdata/room/rooms.h"
 #include "tools/bench/study.h"
 #include "tools/bench/truth.h"
+#include "tools/job/coded_capture.h"
 #include "tools/job/devices.h"
 #include "tools/job/verification.h"
 
@@ -40,8 +40,8 @@ Result<Measured> measure_room(simdata::RigAndRoom room, const fs::path& folder, 
   Measured measured;
   CS_TRY(measured.simulator, simdata::Simulator::make(room.rig, room.simulation, progress));
   const capture::Devices devices = simdata::simulated_devices(measured.simulator);
-  CS_TRY_VOID(capture::capture_session(room.rig, simulation_text(room.simulation), capture::default_sequence(room.rig),
-                                       devices, folder / "session", {}, progress));
+  CS_TRY_VOID(tools::capture_with_code(room.rig, simulation_text(room.simulation), "auto", devices, folder / "session",
+                                       progress));
   CS_TRY(measured.summary, tools::calibrate(folder / "session", folder / "calibration", {}, progress));
   CS_TRY(measured.calibration, tools::open_calibration(folder / "calibration"));
   measured.pixels = tools::pixels_of(measured.calibration);
