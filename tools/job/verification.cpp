@@ -140,7 +140,8 @@ Result<Verification> report_verification(const Calibration& calibration,
     if (std::filesystem::exists(png))
       report.exhibits.push_back(
           {"projector " + d.projector +
-               ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), saturated (white)",
+               ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), "
+               "contradicting sinusoids (blue), saturated (white)",
            png});
   }
   report.notes = summary.notes;
