@@ -19,6 +19,7 @@ constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr double kShort = 2;              // times the shortest: periods that share offset and amplitude
 constexpr double kTolerance = 0.01;       // of the amplitude: what the wave model is not trusted to know
 constexpr double kLeastModulated = 0.02;  // of the light: below, a fringe is an artefact of the room's indirect light
+constexpr double kSettled = 1e-3;         // px: a step that changes chi^2 by less than anyone sees
 constexpr int kMostWaves = 64;
 constexpr double kSameBlur = 1e-3;  // px^2: while the blur of all is sought
 constexpr double kOwnBlur = 1;      // px^2: how far a pixel's blur may be from that of all (one sigma)
@@ -193,6 +194,7 @@ void adjust(const Design& d, const Values& v, const Values& variance, const std:
     const double reach = d.base.period / 6;
     fit.offset += delta[0], fit.amplitude += delta[1], fit.q += std::clamp(delta[2], -reach, reach);
     fit.blur += delta[3];
+    if (step > 0 && std::abs(delta[2]) < kSettled) return;
   }
 }
 
@@ -525,7 +527,7 @@ PhaseReading read_phase(const AxisCode& code, const WavePhotos& photos, const Wa
         reader.unwrap(base, estimate, best, second);
         if (best.variance <= 0 || best.chi2 > dof + 9 * std::sqrt(2 * std::max(1.0, dof)))
           why = Reason::kPhase;
-        else if (best.q < -0.75 || best.q > design->length - 0.25)
+        else if (best.q < -1.25 || best.q > design->length + 0.25)
           why = Reason::kInconsistent;
         else if (second.chi2 - best.chi2 < kClearOdds)
           why = Reason::kUncertainBit;

@@ -109,10 +109,14 @@ struct Slopes {
       }
     });
   }
+  bool of_block(int bx, int by, float& gx, float& gy) const {
+    if (bx < 0 || by < 0 || bx >= x.width() || by >= x.height()) return false;
+    gx = x.at(bx, by), gy = y.at(bx, by);
+    return std::isfinite(gx) && std::isfinite(gy);
+  }
   // Of the pixel's window; false where there is none.
   bool of(const Window& w, int px, int py, float& gx, float& gy) const {
-    gx = x.at(px / kBlock, py / kBlock), gy = y.at(px / kBlock, py / kBlock);
-    if (std::isfinite(gx) && std::isfinite(gy)) return true;
+    if (of_block(px / kBlock, py / kBlock, gx, gy)) return true;
     const auto own_x = slope(w, true), own_y = slope(w, false);
     if (!own_x || !own_y) return false;
     gx = *own_x, gy = *own_y;
@@ -292,6 +296,17 @@ int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
   return count;
 }
 
+// Whether one of the eight pixels around is not lit directly, or does not exist.
+bool at_border(const Mask& reason, int x, int y) {
+  for (int ny = y - 1; ny <= y + 1; ++ny)
+    for (int nx = x - 1; nx <= x + 1; ++nx) {
+      if (nx < 0 || ny < 0 || nx >= reason.width() || ny >= reason.height()) continue;
+      const auto why = static_cast<Reason>(reason.at(nx, ny));
+      if (why == Reason::kDark || why == Reason::kIndirect) return true;
+    }
+  return false;
+}
+
 }  // namespace
 
 void check_by_neighbours(AxisReading& reading, const Image& other) {
@@ -300,6 +315,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   for (std::size_t i = 0; i < judges.data().size(); ++i)
     if (reading.reason.data()[i]) judges.data()[i] = kNaN;
   const Slopes slopes(judges);
+  const Mask before = reading.reason;
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
@@ -310,16 +326,27 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
       Reason why = Reason::kIsolated;
       float gx = 0, gy = 0;
       if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {
-        // Surfaces bend and pixels are noisy; another way to unwrap is many pixels away.
-        const float reach = std::max(1.5f, 5 * reading.sigma.data()[i]);
+        // Surfaces bend, the more the more steeply they are seen, and pixels are noisy; another way to unwrap is many
+        // pixels away.
+        const float bend = std::min(6.0f, 0.4f * std::sqrt(gx * gx + gy * gy));
+        const float reach = std::max({1.5f, 5 * reading.sigma.data()[i], bend});
         const float least = certain ? 0.3f : 0.7f;
         why = certain ? Reason::kInconsistent : Reason::kUncertainBit;
-        for (const float q : {raw.data()[i], other.data()[i]}) {
-          if (!std::isfinite(q)) continue;
-          const int agree = agreeing(w, q, gx, gy, reach);
-          if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
-          reading.q.data()[i] = q, why = Reason::kAccepted;
-          break;
+        // Beside a crease the slope around is that of one side or of neither: the sides' own lie two blocks away.
+        static constexpr int kAround[5][2] = {{0, 0}, {0, -2}, {0, 2}, {-2, 0}, {2, 0}};
+        for (const auto& [bx, by] : kAround) {
+          if ((bx || by) && !slopes.of_block(x / kBlock + bx, y / kBlock + by, gx, gy)) continue;
+          for (const float q : {raw.data()[i], other.data()[i]}) {
+            if (why == Reason::kAccepted || !std::isfinite(q)) continue;
+            const int agree = agreeing(w, q, gx, gy, reach);
+            if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
+            reading.q.data()[i] = q, why = Reason::kAccepted;
+            if (!at_border(before, x, y)) continue;
+            const float plane = centre_of(w, gx, gy);
+            reading.sigma.data()[i] = std::max(reading.sigma.data()[i], 0.5f * std::abs(plane - q));
+            reading.q.data()[i] = plane;
+          }
+          if (why == Reason::kAccepted) break;
         }
       }
       reading.reason.data()[i] = static_cast<std::uint8_t>(why);
