@@ -58,7 +58,6 @@ struct Design {
   int turns = 0;
 
   int extra() const { return static_cast<int>(waves.size() - base.waves.size()); }
-  bool unwraps_itself() const { return extra() > 0; }
   bool has_longest() const { return !ladder.empty() && ladder[0].period > length - 1; }
 };
 
@@ -288,7 +287,6 @@ class PixelReader {
 
   void fit(Fit& fit) { adjust(d_, values_, variance_, shapes_, blur_sigma_, 3, fit, normal_); }
   const Normal& normal() const { return normal_; }
-  const Design& design() const { return d_; }
 
  private:
   double value(const Wave& wave) const { return photos_.light[wave.photo].data()[pixel_]; }
@@ -484,9 +482,9 @@ WaveModel fit_wave_model(const AxisCode& code, const WavePhotos& photos, const I
   double least = std::numeric_limits<double>::infinity();
   for (double e : {1.0, 0.6, 0.8, 0.9, 1.1, 1.3, 1.6, 2.2, 2.8}) {
     const WaveModel tried{raised(e).h2, raised(e).h3, 0, {1e-3, 0}};
-    double cost = 0;
-    for (const Sample& s : likeliest_of(*design, photos, tried, few, coarse)) cost = std::max(cost, s.fit.chi2);
-    if (cost < least) least = cost, model = tried;
+    std::vector<double> costs;
+    for (const Sample& s : likeliest_of(*design, photos, tried, few, coarse)) costs.push_back(s.fit.chi2);
+    if (const double cost = median(std::move(costs)); cost < least) least = cost, model = tried;
   }
   for (int round = 0; round < 4; ++round) {
     const auto samples = likeliest_of(*design, photos, model, round < 3 ? few : pixels, coarse);
