@@ -9,7 +9,7 @@
 #include "calib/base/parallel.h"
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
-#include "capture/pattern/diagnose.h"
+#include "capture/diagnose/diagnose.h"
 #include "capture/session/frame_check.h"
 #include "capture/session/runner.h"
 #include "capture/session/session_folder.h"

@@ -1,4 +1,4 @@
-#include "capture/pattern/diagnose.h"
+#include "capture/diagnose/diagnose.h"
 
 #include <gmock/gmock.h>
 

@@ -1,4 +1,4 @@
-#include "tools/job/lens_calibration.h"
+#include "tools/job/lens/lens_calibration.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,5 +1,5 @@
 // The verdict of a sweep follows from its points alone.
-#include "tools/bench/sweep_verdict.h"
+#include "tools/bench/sweep/sweep_verdict.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

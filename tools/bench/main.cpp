@@ -6,7 +6,7 @@
 #include "calib/file/file.h"
 #include "calib/file/nearest.h"
 #include "tools/bench/study.h"
-#include "tools/bench/sweep.h"
+#include "tools/bench/sweep/sweep.h"
 #include "tools/countershade/console.h"
 
 namespace countershade::bench {

@@ -4,8 +4,8 @@
 #include "calib/file/board_file.h"
 #include "calib/file/file.h"
 #include "tools/countershade/verbs.h"
-#include "tools/job/lens_calibration.h"
-#include "tools/job/lens_photos.h"
+#include "tools/job/lens/lens_calibration.h"
+#include "tools/job/lens/lens_photos.h"
 
 namespace countershade::tools {
 

@@ -1,4 +1,4 @@
-#include "tools/job/lens_photos.h"
+#include "tools/job/lens/lens_photos.h"
 
 #include <algorithm>
 #include <atomic>

@@ -1,4 +1,4 @@
-#include "capture/pattern/diagnose_trial.h"
+#include "capture/diagnose/trial.h"
 
 #include <algorithm>
 #include <cmath>

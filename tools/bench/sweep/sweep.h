@@ -10,7 +10,7 @@
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tools/bench/study.h"
-#include "tools/bench/sweep_verdict.h"
+#include "tools/bench/sweep/sweep_verdict.h"
 
 namespace countershade::bench {
 

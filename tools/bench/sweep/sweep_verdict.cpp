@@ -1,4 +1,4 @@
-#include "tools/bench/sweep_verdict.h"
+#include "tools/bench/sweep/sweep_verdict.h"
 
 #include <fmt/format.h>
 

@@ -5,7 +5,7 @@
 #include "calib/base/random.h"
 #include "capture/pattern/choose.h"
 #include "capture/pattern/pattern.h"
-#include "tools/bench/decode_trial.h"
+#include "tools/bench/decode/decode_trial.h"
 #include "tools/bench/study.h"
 
 namespace countershade::bench {

@@ -1,4 +1,4 @@
-#include "tools/bench/decode_trial.h"
+#include "tools/bench/decode/decode_trial.h"
 
 #include <cmath>
 #include <limits>

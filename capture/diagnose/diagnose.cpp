@@ -1,4 +1,4 @@
-#include "capture/pattern/diagnose.h"
+#include "capture/diagnose/diagnose.h"
 
 #include <algorithm>
 #include <cmath>
@@ -6,8 +6,8 @@
 #include <optional>
 
 #include "calib/base/parallel.h"
-#include "capture/pattern/diagnose_signs.h"
-#include "capture/pattern/diagnose_trial.h"
+#include "capture/diagnose/signs.h"
+#include "capture/diagnose/trial.h"
 #include "capture/pattern/pattern.h"
 #include "capture/pattern/plan.h"
 

@@ -1,4 +1,4 @@
-#include "capture/pattern/diagnose_signs.h"
+#include "capture/diagnose/signs.h"
 
 #include <algorithm>
 #include <array>

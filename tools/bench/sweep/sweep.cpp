@@ -1,4 +1,4 @@
-#include "tools/bench/sweep.h"
+#include "tools/bench/sweep/sweep.h"
 
 #include <algorithm>
 

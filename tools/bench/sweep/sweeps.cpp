@@ -7,7 +7,7 @@
 #include "capture/pattern/pattern.h"
 #include "solver/fit/geometry_fit.h"
 #include "solver/transport/form_factor.h"
-#include "tools/bench/sweep.h"
+#include "tools/bench/sweep/sweep.h"
 
 namespace countershade::bench {
 

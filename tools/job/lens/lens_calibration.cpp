@@ -1,4 +1,4 @@
-#include "tools/job/lens_calibration.h"
+#include "tools/job/lens/lens_calibration.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include "calib/file/file.h"
 #include "solver/fit/lens/model_file.h"
-#include "tools/job/lens_photos.h"
+#include "tools/job/lens/lens_photos.h"
 
 namespace countershade::tools {
 
