@@ -389,7 +389,11 @@ void improve_waves(const Design& d, const WavePhotos& photos, const std::vector<
     Eigen::VectorXd r(n), w(n);
     for (Eigen::Index i = 0; i < n; ++i) {
       const double t = d.waves[i].omega * fit.q + d.waves[i].shift;
-      E.row(i) << fit.amplitude * std::cos(2 * t), fit.amplitude * std::cos(3 * t), J(i, 3);
+      const double b = std::exp(-d.waves[i].decay * model.blur), A1 = fit.amplitude * b;
+      const double A2 = A1 * b * b * b, A3 = A1 * std::pow(b, 8);  // of harmonics of strength 1
+      E.row(i) << A2 * std::cos(2 * t), A3 * std::cos(3 * t),
+          -d.waves[i].decay *
+              (A1 * std::cos(t) + 4 * model.h2 * A2 * std::cos(2 * t) + 9 * model.h3 * A3 * std::cos(3 * t));
       r[i] = reader.normal().residual[i], w[i] = reader.normal().weight[i];
     }
     all += (E.array().square().colwise() * w.array()).colwise().sum().matrix().transpose();

@@ -208,7 +208,6 @@ bool confirmed(float q, std::uint32_t code, std::uint32_t uncertain, const AxisR
 // A reading or the completion of one; nothing but the reason where it fails.
 struct Refined {
   float q = kNaN, sigma = 0;
-  float scale = 0;  // projector px per camera px
   Reason reason = Reason::kAccepted;
 };
 
@@ -216,9 +215,8 @@ Refined refine_reading(const Window& w, float read, float gx, float gy, float ce
   const Plane plane = fit(w, read, gx, gy, cell);
   if (plane.agree < 6 || plane.agree < 0.3 * w.count) return {.reason = Reason::kInconsistent};
   // A line of pixels supports it but spans no plane: the reading stays.
-  const float scale = std::sqrt(gx * gx + gy * gy);
-  if (plane.sigma <= 0) return {read, 0.29f * cell, scale, Reason::kAccepted};
-  return {plane.value, plane.sigma, scale, Reason::kAccepted};
+  if (plane.sigma <= 0) return {read, 0.29f * cell, Reason::kAccepted};
+  return {plane.value, plane.sigma, Reason::kAccepted};
 }
 
 // Whether q is within half a cell of an edge of the base bit: there light is half of both, whatever the bits combined
@@ -241,7 +239,7 @@ Refined complete(const Window& w, float gx, float gy, std::size_t i, const AxisR
   if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
   if (edge && !on_base_edge(plane.value, reading)) return rejected;
   if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
-  return {plane.value, plane.sigma, std::sqrt(gx * gx + gy * gy), Reason::kAccepted};
+  return {plane.value, plane.sigma, Reason::kAccepted};
 }
 
 // How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
@@ -253,6 +251,12 @@ float pull_of_surroundings(const Image& contrast, int x, int y) {
     for (int nx = std::max(0, x - 2); nx <= std::min(contrast.width() - 1, x + 2); ++nx)
       brightest = std::max(brightest, contrast.row(ny)[nx]);
   return 0.8f * std::max(0.0f, 1 - 1.1f * contrast.at(x, y) / brightest);
+}
+
+void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float gy) {
+  const float pull = pull_of_surroundings(reading.contrast, x, y);
+  float& sigma = reading.sigma.at(x, y);
+  sigma = std::sqrt(sigma * sigma + pull * pull * (gx * gx + gy * gy));
 }
 
 }  // namespace
@@ -274,8 +278,8 @@ void refine_by_neighbours(AxisReading& reading) {
                               : read     ? refine_reading(w, raw.at(x, y), gx, gy, cell)
                                          : complete(w, gx, gy, i, reading);
       reading.q.data()[i] = refined.q;
-      const float pull = refined.scale * pull_of_surroundings(reading.contrast, x, y);
-      reading.sigma.data()[i] = std::sqrt(refined.sigma * refined.sigma + pull * pull);
+      reading.sigma.data()[i] = refined.sigma;
+      widen_by_surroundings(reading, x, y, gx, gy);
       reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
     }
   });
@@ -296,17 +300,6 @@ int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
   return count;
 }
 
-// Whether one of the eight pixels around is not lit directly, or does not exist.
-bool at_border(const Mask& reason, int x, int y) {
-  for (int ny = y - 1; ny <= y + 1; ++ny)
-    for (int nx = x - 1; nx <= x + 1; ++nx) {
-      if (nx < 0 || ny < 0 || nx >= reason.width() || ny >= reason.height()) continue;
-      const auto why = static_cast<Reason>(reason.at(nx, ny));
-      if (why == Reason::kDark || why == Reason::kIndirect) return true;
-    }
-  return false;
-}
-
 }  // namespace
 
 void check_by_neighbours(AxisReading& reading, const Image& other) {
@@ -315,7 +308,6 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   for (std::size_t i = 0; i < judges.data().size(); ++i)
     if (reading.reason.data()[i]) judges.data()[i] = kNaN;
   const Slopes slopes(judges);
-  const Mask before = reading.reason;
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
@@ -341,10 +333,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
             const int agree = agreeing(w, q, gx, gy, reach);
             if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
             reading.q.data()[i] = q, why = Reason::kAccepted;
-            if (!at_border(before, x, y)) continue;
-            const float plane = centre_of(w, gx, gy);
-            reading.sigma.data()[i] = std::max(reading.sigma.data()[i], 0.5f * std::abs(plane - q));
-            reading.q.data()[i] = plane;
+            widen_by_surroundings(reading, x, y, gx, gy);
           }
           if (why == Reason::kAccepted) break;
         }

@@ -52,8 +52,10 @@ TEST_P(EveryCode, GivesTheTruth) {
   EXPECT_LT(s.wrong, 1e-4);
   // Bits are rounded to pixels, those combined with the finest one hardest; sinusoids are not.
   EXPECT_LT(s.rms, GetParam() == "xor-02" ? 0.25 : GetParam() == "phase" ? 0.08 : 0.05);
-  EXPECT_GT(s.z2, 0.11);  // sigma is at most three times the error ...
-  EXPECT_LT(s.z2, 2);     // ... and never much less
+  // sigma is at most three times the error where readings are rounded, 1.6 times where they are not, and never much
+  // less.
+  EXPECT_GT(s.z2, GetParam() == "micro-phase" || GetParam() == "phase" ? 0.4 : 0.11);
+  EXPECT_LT(s.z2, 2);
 }
 
 // Light by way of the room that is stronger than the direct light, made of the far half of the picture: Gray code reads
@@ -112,6 +114,110 @@ TEST(MicroPhase, ReadsItsNoiseFromItsOwnResiduals) {
     const double expected = std::sqrt(light * view.full_well + view.read_e * view.read_e) / view.full_well;
     EXPECT_NEAR(model.noise.sigma(light), expected, 0.1 * expected) << light;
   }
+}
+
+// What read_phase says of a view, before neighbours are asked.
+struct PixelsAlone {
+  double certain = 0, wrong = 0;  // of the lit pixels: accepted; of those: elsewhere by more than 4 px
+  double doubtful = 0, held = 0;  // of the lit pixels: two ways as likely; of those: one of the two is right
+  double z2 = 0;                  // of the certain and right ones: mean squared error over predicted variance
+};
+PixelsAlone read_alone(const View& view, const Sequence& sequence) {
+  const auto plan = plan_code(sequence, "p");
+  const PhotoSource photos = view.photos(sequence, test_name());
+  const AxisCode& code = plan->axis[0];
+  WavePhotos waves;
+  for (const WaveFrame& frame : code.waves) waves.light.push_back(luminance_mean(photos(frame.index)->value));
+  waves.skip = Mask(view.width, view.height, 1);
+  const WaveModel model = fit_wave_model(code, waves, nullptr, {});
+  const PhaseReading read = read_phase(code, waves, model, nullptr, {});
+  PixelsAlone alone;
+  double lit = 0, right = 0;
+  for (int v = 0; v < view.height; ++v)
+    for (int u = 0; u < view.width; ++u) {
+      const auto [x, y] = view.truth(u, v);
+      if (!view.lit(x, y)) continue;
+      const double off = std::abs(read.reading.q.at(u, v) - x), other = std::abs(read.other.at(u, v) - x);
+      const auto why = static_cast<Reason>(read.reading.reason.at(u, v));
+      lit += 1;
+      alone.certain += why == Reason::kAccepted, alone.doubtful += why == Reason::kUncertainBit;
+      if (why == Reason::kUncertainBit) alone.held += off < 4 || other < 4;
+      if (why != Reason::kAccepted) continue;
+      alone.wrong += off > 4;
+      if (off <= 4) right += 1, alone.z2 += std::pow(off / read.reading.sigma.at(u, v), 2);
+    }
+  alone.wrong /= std::max(1.0, alone.certain), alone.held /= std::max(1.0, alone.doubtful);
+  alone.z2 /= std::max(1.0, right);
+  alone.certain /= lit, alone.doubtful /= lit;
+  return alone;
+}
+
+// Weak light: what is certain is right, as often as the odds say, and what is not is one of two.
+TEST(MicroPhase, DoubtsWhereTwoWaysToUnwrapAreAsLikely) {
+  View view = large();
+  view.gain = 0.09;
+  const PixelsAlone alone = read_alone(view, fake::sequence_of(view, "micro-phase"));
+  EXPECT_GT(alone.doubtful, 0.05);
+  EXPECT_GT(alone.certain, 0.2);
+  EXPECT_LT(alone.wrong, 2e-3);
+  EXPECT_GT(alone.held, 0.85);
+}
+
+// A response far from the patterns' is part of every step: of the phase, the ways to unwrap it and the fit. Blur takes
+// more off its harmonics than off the sinusoid.
+TEST(MicroPhase, KnowsHarmonicsInEveryStep) {
+  View view = large();
+  view.exponent = 4, view.blur_px = 1.6, view.gain = 0.5;
+  view.albedo = [](double, double) { return 0.6; };  // a slope of it would pull blurred pixels to its brighter side
+  const PixelsAlone alone = read_alone(view, fake::sequence_of(view, "micro-phase"));
+  EXPECT_GT(alone.certain, 0.99);
+  EXPECT_LT(alone.wrong, 1e-4);
+  EXPECT_GT(alone.z2, 0.6);
+  EXPECT_LT(alone.z2, 1.4);
+}
+
+// At the border of the picture a pixel receives the light of one side of it, and reads that side: sigma knows.
+TEST(MicroPhase, SigmaKnowsTheBorderOfThePicture) {
+  View view = large();
+  view.map = [](double u, double v) { return std::pair(-40.4 + 2.7 * u + 0.3 * v, -30.3 + 0.2 * u + 2.9 * v); };
+  view.projector_width = 600;
+  const Correspondence c = good(view, "micro-phase");
+  double z2[2] = {0, 0}, n[2] = {0, 0};  // inside, at the border
+  for (int v = 1; v + 1 < view.height; ++v)
+    for (int u = 1; u + 1 < view.width; ++u) {
+      const auto [x, y] = view.truth(u, v);
+      if (c.reason.at(u, v) || !view.lit(x, y)) continue;
+      bool border = false;
+      for (const auto& [du, dv] : {std::pair(1, 0), {-1, 0}, {0, 1}, {0, -1}}) {
+        const auto [nx, ny] = view.truth(u + du, v + dv);
+        border = border || !view.lit(nx, ny);
+      }
+      const double squares = std::pow(c.x.at(u, v) - x, 2) + std::pow(c.y.at(u, v) - y, 2);
+      z2[border] += squares / 2 / std::pow(c.sigma.at(u, v), 2), n[border] += 1;
+    }
+  ASSERT_GT(n[1], 150);
+  EXPECT_GT(z2[0] / n[0], 0.4);
+  EXPECT_LT(z2[0] / n[0], 1.5);
+  EXPECT_GT(z2[1] / n[1], 0.4);
+  EXPECT_LT(z2[1] / n[1], 2.5);  // what is a tenth darker than its neighbours may be shading, and counts as inside
+}
+
+// A wall that is seen steeply beside one that is not.
+TEST(MicroPhase, CreasesKeepTheirPixels) {
+  View view = large();
+  view.map = [](double u, double v) {
+    const double below = std::max(0.0, v - 90.3 - 0.11 * u);
+    return std::pair(900 + 0.8 * u + 0.1 * v + 0.7 * below, 20 + 0.1 * u + 0.6 * v + 2.6 * below);
+  };
+  const Correspondence c = good(view, "micro-phase");
+  double lit = 0, accepted = 0;
+  for (int u = 0; u < view.width; ++u)
+    for (int k = -3; k <= 3; ++k) {
+      const int v = static_cast<int>(std::lround(90.3 + 0.11 * u)) + k;
+      const auto [x, y] = view.truth(u, v);
+      if (view.lit(x, y)) lit += 1, accepted += c.reason.at(u, v) == 0;
+    }
+  EXPECT_GT(accepted / lit, 0.97);
 }
 
 TEST(MicroPhase, TwoPlacesInOnePixelContradictEachOther) {

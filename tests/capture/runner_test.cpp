@@ -379,7 +379,10 @@ TEST(CaptureSession, ThatGrowsIsTheSameAsOneCapturedAtOnce) {
 // Sinusoids look alike from far away: which of them a photo shows is told by single pixels.
 TEST(CaptureSession, ASinusoidThatIsPhotographedTooEarlyIsTakenAgain) {
   fake::Scratch scratch("sinusoids");
+  Rig rig = fake::rig();
+  rig.projectors[0].resolution = {320, 200};  // two periods in each of the blocks that frames are told apart by
   Sequence sequence = fake::short_sequence();
+  sequence.projectors[0].second = {320, 200};
   sequence.frames.resize(2);
   Role role;
   role.kind = "phase", role.projector = "left", role.period_px = 7.3, role.steps = 3;
@@ -388,13 +391,13 @@ TEST(CaptureSession, ASinusoidThatIsPhotographedTooEarlyIsTakenAgain) {
       role.axis = axis, sequence.frames.push_back({static_cast<int>(sequence.frames.size()), role});
   SilentProgress silent;
   const auto room = std::make_shared<Room>();
-  ASSERT_TRUE(run(room, scratch / "right", fake::rig(), silent, sequence));
+  ASSERT_TRUE(run(room, scratch / "right", rig, silent, sequence));
   int retaken = 0;
   for (int trigger = 5; trigger < room->triggers; ++trigger) {
     const auto late = std::make_shared<Room>();
     late->wrong[trigger] = 1;
     const fs::path folder = scratch / std::to_string(trigger);
-    ASSERT_TRUE(run(late, folder, fake::rig(), silent, sequence)) << trigger;
+    ASSERT_TRUE(run(late, folder, rig, silent, sequence)) << trigger;
     EXPECT_EQ(fake::tree(folder), fake::tree(scratch / "right")) << trigger;
     retaken += late->triggers > room->triggers;
   }
