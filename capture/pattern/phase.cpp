@@ -21,8 +21,9 @@ constexpr double kTolerance = 0.01;       // of the amplitude: what the wave mod
 constexpr double kLeastModulated = 0.02;  // of the light: below, a fringe is an artefact of the room's indirect light
 constexpr double kSettled = 1e-3;         // px: a step that changes chi^2 by less than anyone sees
 constexpr int kMostWaves = 64;
-constexpr double kSameBlur = 1e-3;  // px^2: while the blur of all is sought
-constexpr double kOwnBlur = 1;      // px^2: how far a pixel's blur may be from that of all (one sigma)
+constexpr double kSameBlur = 1e-3;                 // px^2: while the blur of all is sought
+constexpr double kLeastBlur = -1, kMostBlur = 25;  // px^2: less than none sharpens; of 16 px, a tenth is left
+constexpr double kOwnBlur = 8;  // px^2: how far a pixel's blur may be from that of all: steep surfaces widen it most
 
 struct Wave {
   double omega = 0, shift = 0;
@@ -56,6 +57,10 @@ struct Design {
   std::vector<Group> ladder;                           // longer periods, the longest first
   std::vector<std::vector<float>> cos_turn, sin_turn;  // per wave beyond the base's: of omega period m, m = -1, 0, ...
   int turns = 0;
+  // Extra waves whose squares sum up to the same light at every phase (pairs in quadrature): they say how blurred a
+  // pixel is before it is unwrapped. Their mean decay.
+  std::vector<int> balanced;
+  double balanced_decay = 0;
 
   int extra() const { return static_cast<int>(waves.size() - base.waves.size()); }
   bool has_longest() const { return !ladder.empty() && ladder[0].period > length - 1; }
@@ -93,6 +98,16 @@ std::optional<Design> design_of(const AxisCode& code) {
   std::erase_if(design.ladder, [](const Group& g) { return !g.full(); });
   const double base_omega = design.base.waves[0].omega;
   for (Wave& w : design.waves) w.decay = 0.5 * (w.omega * w.omega - base_omega * base_omega);
+  for (const Group& g : groups) {
+    if (g.period == base->period || g.period > kShort * base->period) continue;
+    double c = 0, s = 0;
+    for (const Wave& w : g.waves) c += std::cos(2 * w.shift), s += std::sin(2 * w.shift);
+    if (std::hypot(c, s) > 1e-6) continue;
+    for (std::size_t i = design.base.waves.size(); i < design.waves.size(); ++i)
+      if (design.waves[i].omega == g.waves[0].omega) design.balanced.push_back(static_cast<int>(i));
+  }
+  for (const int i : design.balanced)
+    design.balanced_decay += design.waves[i].decay / static_cast<double>(design.balanced.size());
   design.turns = static_cast<int>(std::ceil(code.length_px / design.base.period)) + 2;
   for (std::size_t i = design.base.waves.size(); i < design.waves.size(); ++i) {
     std::vector<float> c, s;
@@ -125,6 +140,11 @@ std::vector<Shape> shapes_of(const Design& d, const WaveModel& model) {
 struct Fit {
   double offset = 0, amplitude = 0, q = 0, blur = 0;  // blur: beyond that of all pixels [px^2]
   double chi2 = 0, variance = 0;                      // of q; 0 where the frames do not determine it
+};
+
+// What a pixel's blur, beyond that of all, may be [px^2].
+struct OwnBlur {
+  double sigma = 0, least = 0;
 };
 
 using Values = std::array<double, kMostWaves>;
@@ -162,19 +182,20 @@ struct Normal {
 };
 
 void adjust(const Design& d, const Values& v, const Values& variance, const std::vector<Shape>& shapes,
-            double blur_sigma, int steps, Fit& fit, Normal& normal) {
+            OwnBlur own_blur, int steps, Fit& fit, Normal& normal) {
   const std::size_t n = d.waves.size();
   for (int step = 0; step <= steps; ++step) {
     Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
     Eigen::Vector4d g = Eigen::Vector4d::Zero();
-    A(3, 3) = 1 / (blur_sigma * blur_sigma);
+    A(3, 3) = 1 / (own_blur.sigma * own_blur.sigma);
     g[3] = -fit.blur * A(3, 3);
     fit.chi2 = fit.blur * fit.blur * A(3, 3);
     for (std::size_t i = 0; i < n; ++i) {
       const double t = d.waves[i].omega * fit.q + d.waves[i].shift, c = std::cos(t), s = std::sin(t);
-      const double own = 1 - d.waves[i].decay * fit.blur, f = own * shapes[i].value(c);
+      const double decay = d.waves[i].decay, own = decay == 0 ? 1 : std::exp(-decay * fit.blur);
+      const double f = own * shapes[i].value(c);
       const Eigen::Vector4d j(1, f, fit.amplitude * own * d.waves[i].omega * shapes[i].slope(c, s),
-                              -d.waves[i].decay * fit.amplitude * shapes[i].value(c));
+                              -decay * fit.amplitude * f);
       const double allowed = kTolerance * fit.amplitude;
       normal.weight[i] = 1 / (variance[i] + allowed * allowed);
       normal.residual[i] = v[i] - fit.offset - fit.amplitude * f;
@@ -192,7 +213,7 @@ void adjust(const Design& d, const Values& v, const Values& variance, const std:
     // A step of more than a sixth of a period has left where the model is linear.
     const double reach = d.base.period / 6;
     fit.offset += delta[0], fit.amplitude += delta[1], fit.q += std::clamp(delta[2], -reach, reach);
-    fit.blur += delta[3];
+    fit.blur = std::clamp(fit.blur + delta[3], own_blur.least, kMostBlur);
     if (step > 0 && std::abs(delta[2]) < kSettled) return;
   }
 }
@@ -210,7 +231,7 @@ void costs_of_turns(const Design& d, const Values& v, const Values& variance, co
     const double t = wave.omega * fit.q + wave.shift;
     const auto ca = static_cast<float>(std::cos(t)), sa = static_cast<float>(std::sin(t));
     const auto rest = static_cast<float>(v[base + e] - fit.offset),
-               amplitude = static_cast<float>(fit.amplitude * shape.scale);
+               amplitude = static_cast<float>(fit.amplitude * shape.scale * std::exp(-wave.decay * fit.blur));
     const auto weight = static_cast<float>(1 / (variance[base + e] + allowed * allowed));
     const float *ct = d.cos_turn[e].data(), *st = d.sin_turn[e].data();
     float* out = cost.data();
@@ -231,9 +252,13 @@ double nearest_of(const Group& g, const Eigen::Vector3d& solved, double estimate
 // Everything read_phase does with one pixel.
 class PixelReader {
  public:
-  // blur_sigma: how far a pixel's blur may be from the model's [px^2].
+  // blur_sigma: of a pixel's blur about the model's [px^2].
   PixelReader(const Design& design, const WavePhotos& photos, const WaveModel& model, double blur_sigma)
-      : d_(design), photos_(photos), noise_(model.noise), shapes_(shapes_of(design, model)), blur_sigma_(blur_sigma) {}
+      : d_(design),
+        photos_(photos),
+        noise_(model.noise),
+        shapes_(shapes_of(design, model)),
+        own_blur_{blur_sigma, kLeastBlur - model.blur} {}
 
   void load(std::size_t pixel) {
     pixel_ = pixel;
@@ -242,7 +267,20 @@ class PixelReader {
       variance_[i] = noise_.read * noise_.read + noise_.photon * std::max(0.0, values_[i]);
     }
   }
-  Fit base() const { return base_fit(d_, values_, shapes_[0]); }
+  // By the base period; with the blur that the amplitudes of the others say.
+  Fit base() const {
+    Fit fit = base_fit(d_, values_, shapes_[0]);
+    if (d_.balanced.empty() || own_blur_.sigma < kOwnBlur) return fit;
+    double measured = 0, expected = 0;
+    for (const int i : d_.balanced) {
+      const Shape& shape = shapes_[i];
+      measured += std::pow(values_[i] - fit.offset, 2) - variance_[i];
+      expected += std::pow(fit.amplitude * shape.scale, 2) * (1 + shape.h2 * shape.h2 + shape.h3 * shape.h3) / 2;
+    }
+    const double ratio = std::clamp(measured / expected, 0.25, 8.0);  // of squares
+    fit.blur = std::clamp(-std::log(ratio) / (2 * d_.balanced_decay), own_blur_.least, kMostBlur);
+    return fit;
+  }
   double variance_of(int wave) const { return variance_[wave]; }
 
   // Where the longer periods put it; NaN where there are none.
@@ -285,7 +323,7 @@ class PixelReader {
     }
   }
 
-  void fit(Fit& fit) { adjust(d_, values_, variance_, shapes_, blur_sigma_, 3, fit, normal_); }
+  void fit(Fit& fit) { adjust(d_, values_, variance_, shapes_, own_blur_, 3, fit, normal_); }
   const Normal& normal() const { return normal_; }
 
  private:
@@ -295,7 +333,7 @@ class PixelReader {
   const WavePhotos& photos_;
   NoiseModel noise_;
   std::vector<Shape> shapes_;
-  double blur_sigma_;
+  OwnBlur own_blur_;  // its sigma is kSameBlur while the model is sought
   std::size_t pixel_ = 0;
   Values values_{}, variance_{};
   std::vector<float> cost_;
@@ -407,7 +445,7 @@ void improve_waves(const Design& d, const WavePhotos& photos, const std::vector<
   const Eigen::Vector3d step = A.ldlt().solve(g);
   model.h2 = std::clamp(model.h2 + step[0], -0.5, 0.5);
   model.h3 = std::clamp(model.h3 + step[1], -0.3, 0.3);
-  model.blur = std::clamp(model.blur + step[2], -1.0, 25.0);  // less than none: the projector sharpens
+  model.blur = std::clamp(model.blur + step[2], kLeastBlur, kMostBlur);
 }
 
 NoiseModel noise_left(const Design& d, const WavePhotos& photos, const std::vector<Sample>& samples,
@@ -512,7 +550,7 @@ PhaseReading read_phase(const AxisCode& code, const WavePhotos& photos, const Wa
   Image offset(width, height, 1);
   parallel_for(height, [&](int y) {
     PixelReader reader(*design, photos, model, kOwnBlur);
-    const double dof = static_cast<double>(design->waves.size()) - 3;
+    const double dof = static_cast<double>(design->waves.size()) - (design->extra() > 0 ? 4 : 3);
     for (int x = 0; x < width; ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * width + x;
       if (photos.skip.data()[i]) continue;

@@ -318,10 +318,8 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
       Reason why = Reason::kIsolated;
       float gx = 0, gy = 0;
       if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {
-        // Surfaces bend, the more the more steeply they are seen, and pixels are noisy; another way to unwrap is many
-        // pixels away.
-        const float bend = std::min(6.0f, 0.4f * std::sqrt(gx * gx + gy * gy));
-        const float reach = std::max({1.5f, 5 * reading.sigma.data()[i], bend});
+        // Surfaces bend, and pixels are noisy; another way to unwrap is many pixels away.
+        const float reach = std::max(1.5f, 5 * reading.sigma.data()[i]);
         const float least = certain ? 0.3f : 0.7f;
         why = certain ? Reason::kInconsistent : Reason::kUncertainBit;
         // Beside a crease the slope around is that of one side or of neither: the sides' own lie two blocks away.

@@ -167,13 +167,24 @@ TEST(MicroPhase, DoubtsWhereTwoWaysToUnwrapAreAsLikely) {
 // more off its harmonics than off the sinusoid.
 TEST(MicroPhase, KnowsHarmonicsInEveryStep) {
   View view = large();
-  view.exponent = 4, view.blur_px = 1.6, view.gain = 0.5;
+  view.exponent = 5, view.blur_px = 1.6, view.gain = 0.5, view.full_well = 40000;
   view.albedo = [](double, double) { return 0.6; };  // a slope of it would pull blurred pixels to its brighter side
   const PixelsAlone alone = read_alone(view, fake::sequence_of(view, "micro-phase"));
   EXPECT_GT(alone.certain, 0.99);
   EXPECT_LT(alone.wrong, 1e-4);
   EXPECT_GT(alone.z2, 0.6);
   EXPECT_LT(alone.z2, 1.4);
+}
+
+// ... and in weak light, where the ways to unwrap are close.
+TEST(MicroPhase, KnowsHarmonicsInWeakLight) {
+  View view = large();
+  view.exponent = 5, view.gain = 0.15;
+  view.albedo = [](double, double) { return 0.6; };
+  const PixelsAlone alone = read_alone(view, fake::sequence_of(view, "micro-phase"));
+  EXPECT_GT(alone.certain, 0.84);
+  EXPECT_LT(alone.wrong, 1e-3);
+  EXPECT_GT(alone.held, 0.97);
 }
 
 // At the border of the picture a pixel receives the light of one side of it, and reads that side: sigma knows.
@@ -207,7 +218,7 @@ TEST(MicroPhase, CreasesKeepTheirPixels) {
   View view = large();
   view.map = [](double u, double v) {
     const double below = std::max(0.0, v - 90.3 - 0.11 * u);
-    return std::pair(900 + 0.8 * u + 0.1 * v + 0.7 * below, 20 + 0.1 * u + 0.6 * v + 2.6 * below);
+    return std::pair(900 + 0.8 * u + 0.1 * v + 2.7 * below, 20 + 0.1 * u + 0.6 * v + 5.6 * below);
   };
   const Correspondence c = good(view, "micro-phase");
   double lit = 0, accepted = 0;

@@ -50,7 +50,9 @@ std::string table_html(const std::vector<std::string>& header, const std::vector
   out += "</tr>";
   for (const auto& row : rows) {
     out += "<tr>";
-    for (const auto& cell : row) out += "<td>" + escaped(cell) + "</td>";
+    // A column without a name holds words.
+    for (std::size_t i = 0; i < row.size(); ++i)
+      out += (header[i].empty() ? "<td class='words'>" : "<td>") + escaped(row[i]) + "</td>";
     out += "</tr>";
   }
   return out + "</table></div>";

@@ -46,6 +46,7 @@ th,td{text-align:left;vertical-align:top;padding:6px 14px 6px 0;border-bottom:1p
 tr:last-child td{border-bottom:0}
 th{color:var(--soft);font-weight:600;font-size:.86rem}
 .numbers th,.numbers td{text-align:right;white-space:nowrap}
+.numbers td.words{text-align:left;white-space:normal;min-width:14rem}
 .numbers th:first-child,.numbers td:first-child{text-align:left;white-space:normal;min-width:150px}
 .numbers .zone td{font-weight:650;padding-top:14px;text-align:left}
 .numbers .shown td:nth-child(n+2){color:var(--comp);font-weight:600}
