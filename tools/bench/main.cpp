@@ -15,7 +15,7 @@ namespace {
 
 const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"form-factors", form_factors}, {"closed-form", closed_form},       {"first-speed", first_speed},
-    {"real-board", real_board},     {"two-wall-loop", two_wall_loop},   {"verify-honest", verify_honest},
+    {"decode-real", decode_real},   {"two-wall-loop", two_wall_loop},   {"verify-honest", verify_honest},
     {"sim-faults", sim_faults},     {"sim-speed", sim_speed},           {"sim-truth", sim_truth},
     {"decode-hard", decode_hard},   {"decode-economy", decode_economy}, {"pre-scan", pre_scan},
     {"lens", lens_calibration},

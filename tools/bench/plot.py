@@ -164,7 +164,27 @@ def pre_scan(rows, axes):
     axes.legend(fontsize=8)
 
 
-PLOTS = {"lens": lens, "decode-economy": decode_economy, "pre-scan": pre_scan, "first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
+def decode_real(rows, axes):
+    """What the mask is, pose by pose, beside the reason pictures of the two poses that lose most."""
+    left = [0.0] * len(rows)
+    poses = [r["pose"] for r in rows]
+    for column, colour, label in (("accepted % of mask", "#2a7f6f", "accepted"), ("rest: washed out %", "#ff9600", "fine stripes washed out"),
+                                  ("rest: edge %", "#888888", "edge"), ("rest: other %", "#d03060", "other")):
+        share = [number(r[column]) for r in rows]
+        axes[0].barh(poses, share, left=left, color=colour, label=label, height=0.7)
+        left = [a + b for a, b in zip(left, share)]
+    axes[0].plot([number(r["fixed thresholds %"]) for r in rows], poses, "k|", ms=14, mew=2, label="fixed thresholds accept")
+    axes[0].set(xlim=(55, 100), xlabel="% of the white-black mask", ylabel="pose")
+    axes[0].invert_yaxis()
+    axes[0].legend(fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1), ncol=3)
+    worst = sorted(rows, key=lambda r: number(r["accepted % of mask"]))[:2]
+    for picture, row in zip(axes[1:], sorted(worst, key=lambda r: r["pose"])):
+        picture.imshow(plt.imread(pathlib.Path(sys.argv[1]) / f"decode-real/calibration_{row['pose']}/correspondence/camera-projector-reasons.png"))
+        picture.set_title(f"pose {row['pose']}: orange is an uncertain bit, red inconsistent, dark grey dark", fontsize=7)
+        picture.axis("off")
+
+
+PLOTS = {"lens": lens, "decode-real": decode_real, "decode-economy": decode_economy, "pre-scan": pre_scan, "first-speed": first_speed, "sim-speed": sim_speed, "two-wall-loop": two_wall_loop}
 
 
 def sweeps_in(folder):
@@ -177,11 +197,11 @@ def draw(folder, name):
         return
     document = folder / f"{name}.json"
     labels = json.loads(document.read_text()).get("labels") if document.exists() else None
-    figure = plt.figure(figsize=(13, 4.8) if labels else (11, 4.5) if name == "lens" else (8, 4.5), layout="constrained")
+    figure = plt.figure(figsize=(13, 4.8) if labels else (11, 4.5) if name == "lens" else (15, 4.2) if name == "decode-real" else (8, 4.5), layout="constrained")
     if labels:
         sweep(rows_of(source), labels, figure)
     elif name in PLOTS:
-        PLOTS[name](rows_of(source), figure.subplots())
+        PLOTS[name](rows_of(source), figure.subplots(1, 3) if name == "decode-real" else figure.subplots())
     else:
         return
     figure.savefig(folder / f"{name}.png", dpi=130)

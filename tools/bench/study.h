@@ -35,7 +35,7 @@ Result<Study> verify_honest(const StudyContext& context);
 Result<Study> closed_form(const StudyContext& context);
 Result<Study> form_factors(const StudyContext& context);
 Result<Study> first_speed(const StudyContext& context);
-Result<Study> real_board(const StudyContext& context);
+Result<Study> decode_real(const StudyContext& context);
 Result<Study> sim_faults(const StudyContext& context);
 Result<Study> sim_speed(const StudyContext& context);
 Result<Study> sim_truth(const StudyContext& context);
