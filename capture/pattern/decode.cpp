@@ -225,9 +225,11 @@ struct Decoder {
   Levels levels;  // of the bits; of the sinusoids, where there are no bits
   Mask judged;    // Reason of pixels that no code is read from
   AxisReading readings[2];
+  std::optional<PhaseReading> waves[2];
 
   Result<void> read_all_bits();
   Result<void> read_waves(int axis);
+  void settle_waves();
 };
 
 Result<void> Decoder::read_all_bits() {
@@ -301,19 +303,32 @@ Result<void> Decoder::read_waves(int axis) {
   }
   const Image* coarse = alone ? nullptr : &readings[axis].q;
   const WaveModel model = fit_wave_model(code, waves, coarse, levels.noise);
-  PhaseReading read = read_phase(code, waves, model, coarse, options);
-  check_by_neighbours(read.reading, read.other);
-  AxisReading& result = readings[axis];
-  if (alone) {
-    result = std::move(read.reading);
-    return {};
-  }
-  for (std::size_t i = 0; i < judged.data().size(); ++i)  // where sinusoids say nothing, the Gray code does
-    if (!result.reason.data()[i] && !read.reading.reason.data()[i]) {
-      result.q.data()[i] = read.reading.q.data()[i];
-      result.sigma.data()[i] = read.reading.sigma.data()[i];
-    }
+  this->waves[axis] = read_phase(code, waves, model, coarse, options);
   return {};
+}
+
+// Once the sinusoids of both axes are read. A pixel that is lit in part may keep its contrast on one of them, where
+// what is left of it is less blurred: the axes share the smaller one.
+void Decoder::settle_waves() {
+  if (waves[0] && waves[1]) {
+    std::vector<float>&x = waves[0]->reading.contrast.data(), &y = waves[1]->reading.contrast.data();
+    for (std::size_t i = 0; i < x.size(); ++i) x[i] = y[i] = std::min(x[i], y[i]);
+  }
+  for (int a = 0; a < 2; ++a) {
+    if (!waves[a]) continue;
+    AxisReading& read = waves[a]->reading;
+    check_by_neighbours(read, waves[a]->other);
+    AxisReading& result = readings[a];
+    if (plan.axis[a].bits.empty()) {
+      result = std::move(read);
+      continue;
+    }
+    for (std::size_t i = 0; i < judged.data().size(); ++i)  // where sinusoids say nothing, the Gray code does
+      if (!result.reason.data()[i] && !read.reason.data()[i]) {
+        result.q.data()[i] = read.q.data()[i];
+        result.sigma.data()[i] = read.sigma.data()[i];
+      }
+  }
 }
 
 }  // namespace
@@ -327,10 +342,11 @@ Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource
   for (const AxisCode& code : plan.axis)
     total += static_cast<double>(code.bits.size()) + static_cast<double>((code.waves.size() + 1) / 2);
   progress.step(stage, 0, total);
-  Decoder decoder{plan, photos, options, [&] { progress.step(stage, ++done, total); }, {}, {}, {}};
+  Decoder decoder{plan, photos, options, [&] { progress.step(stage, ++done, total); }, {}, {}, {}, {}};
   if (has_bits) CS_TRY_VOID(decoder.read_all_bits());
   for (int a = 0; a < 2; ++a)
     if (!plan.axis[a].waves.empty()) CS_TRY_VOID(decoder.read_waves(a));
+  decoder.settle_waves();
 
   Correspondence c;
   c.camera = camera, c.projector = projector;

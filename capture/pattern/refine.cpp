@@ -9,6 +9,7 @@
 #include <optional>
 
 #include "calib/base/parallel.h"
+#include "capture/pattern/half_lit.h"
 #include "capture/pattern/pattern.h"
 
 namespace countershade::capture {
@@ -242,17 +243,6 @@ Refined complete(const Window& w, float gx, float gy, std::size_t i, const AxisR
   return {plane.value, plane.sigma, Reason::kAccepted};
 }
 
-// How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
-// and of a pixel beside a surface `ratio` times as bright up to 1 - 1 / ratio of the light is foreign, from about half
-// a pixel off. Ratios below 1.1 are noise and shading.
-float pull_of_surroundings(const Image& contrast, int x, int y) {
-  float brightest = 0;
-  for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
-    for (int nx = std::max(0, x - 2); nx <= std::min(contrast.width() - 1, x + 2); ++nx)
-      brightest = std::max(brightest, contrast.row(ny)[nx]);
-  return 0.8f * std::max(0.0f, 1 - 1.1f * contrast.at(x, y) / brightest);
-}
-
 void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float gy) {
   const float pull = pull_of_surroundings(reading.contrast, x, y);
   float& sigma = reading.sigma.at(x, y);
@@ -319,7 +309,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
       float gx = 0, gy = 0;
       if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {
         // Surfaces bend, and pixels are noisy; another way to unwrap is many pixels away.
-        const float reach = std::max(1.5f, 5 * reading.sigma.data()[i]);
+        const float reach = std::clamp(5 * reading.sigma.data()[i], 1.5f, 6.0f);
         const float least = certain ? 0.3f : 0.7f;
         why = certain ? Reason::kInconsistent : Reason::kUncertainBit;
         // Beside a crease the slope around is that of one side or of neither: the sides' own lie two blocks away.
@@ -341,6 +331,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   });
   for (std::size_t i = 0; i < reading.q.data().size(); ++i)
     if (reading.reason.data()[i]) reading.q.data()[i] = kNaN;
+  join_half_lit(reading);
 }
 
 }  // namespace countershade::capture

@@ -27,8 +27,7 @@ void refine_by_neighbours(AxisReading& reading);
 
 // For readings that are finer than a pixel already and stay as they are: the same judgement. `other` holds the second
 // way to read a pixel; one that is kUncertainBit is accepted where seven of ten neighbours agree with one of the two.
-// Beside a pixel that is not lit, where the light of a pixel comes from one side of it, its neighbours' plane takes the
-// reading's place.
+// sigma is widened by what brighter surroundings may pull, and such readings are joined with their neighbours' plane.
 void check_by_neighbours(AxisReading& reading, const Image& other);
 
 }  // namespace countershade::capture

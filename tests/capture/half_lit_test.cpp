@@ -1,0 +1,91 @@
+#include "capture/pattern/half_lit.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+
+#include "calib/base/random.h"
+
+namespace countershade::capture {
+namespace {
+
+double truth(int x, int y) {
+  return 100 + 2.2 * x - 0.3 * y;
+}
+
+// A wall seen by 40 x 30 pixels with noise of .03 px; column 20 receives half its light, from its brighter side.
+AxisReading wall() {
+  AxisReading reading;
+  reading.length_px = 600;
+  reading.q = reading.sigma = Image(40, 30, 1);
+  reading.contrast = Image(40, 30, 1, 0.4f);
+  reading.reason = Mask(40, 30, 1);
+  Random random(7);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 40; ++x) {
+      reading.q.at(x, y) = static_cast<float>(truth(x, y) + 0.03 * random.normal());
+      reading.sigma.at(x, y) = 0.03f;
+    }
+  for (int y = 0; y < 30; ++y) {
+    reading.q.at(20, y) -= 0.8f, reading.sigma.at(20, y) = 0.8f, reading.contrast.at(20, y) = 0.2f;
+    for (int x = 21; x < 40; ++x) reading.reason.at(x, y) = static_cast<std::uint8_t>(Reason::kDark);
+  }
+  return reading;
+}
+
+TEST(HalfLit, AReadingIsJoinedWithItsNeighboursByTheirWeights) {
+  AxisReading reading = wall();
+  join_half_lit(reading);
+  double squares = 0, z2 = 0;
+  for (int y = 0; y < 30; ++y) {
+    const double off = reading.q.at(20, y) - truth(20, y);
+    squares += off * off / 30, z2 += std::pow(off / reading.sigma.at(20, y), 2) / 30;
+    // Inverse variances add, the plane's has a floor of .1 px.
+    EXPECT_GT(reading.sigma.at(20, y), 0.09f);
+    EXPECT_LT(reading.sigma.at(20, y), 0.15f);
+  }
+  EXPECT_LT(std::sqrt(squares), 0.08);
+  EXPECT_LT(z2, 1.5);
+}
+
+TEST(HalfLit, WhatReceivesAllItsLightStays) {
+  const AxisReading before = wall();
+  AxisReading after = before;
+  join_half_lit(after);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 40; ++x)
+      if (x != 20) {
+        EXPECT_EQ(after.q.at(x, y), before.q.at(x, y)) << x << " " << y;
+      }
+}
+
+TEST(HalfLit, AReadingThatThePlaneContradictsStays) {
+  AxisReading reading = wall();
+  reading.q.at(20, 14) += 12;
+  join_half_lit(reading);
+  EXPECT_FLOAT_EQ(reading.sigma.at(20, 14), 0.8f);
+  EXPECT_NEAR(reading.q.at(20, 14), truth(20, 14) + 12 - 0.8, 0.2);
+}
+
+// The centre of such a pixel is not lit: what light it has comes from within the picture.
+TEST(HalfLit, NoReadingLeavesThePicture) {
+  AxisReading reading = wall();
+  reading.length_px = static_cast<int>(truth(20, 15) - 0.6);  // the plane ends beyond it
+  for (int y = 0; y < 30; ++y) reading.q.at(20, y) = static_cast<float>(reading.length_px) - 0.6f;
+  join_half_lit(reading);
+  for (int y = 0; y < 30; ++y) EXPECT_LE(reading.q.at(20, y), static_cast<float>(reading.length_px) - 0.5f) << y;
+  EXPECT_FLOAT_EQ(reading.sigma.at(20, 4), 0.8f);  // where the plane is beyond the picture
+}
+
+// Neighbours on two surfaces span no plane that could speak for the pixel.
+TEST(HalfLit, ASeamBetweenSurfacesStays) {
+  AxisReading reading = wall();
+  for (int y = 0; y < 30; ++y)
+    for (int x = 21; x < 40; ++x)
+      reading.reason.at(x, y) = 0, reading.q.at(x, y) = static_cast<float>(truth(x, y) + 60);
+  join_half_lit(reading);
+  for (int y = 5; y < 25; ++y) EXPECT_FLOAT_EQ(reading.sigma.at(20, y), 0.8f) << y;
+}
+
+}  // namespace
+}  // namespace countershade::capture
