@@ -16,6 +16,7 @@ constexpr int kRadius = 4;
 constexpr int kFewest = 10;         // neighbours that make a plane
 constexpr float kPulled = 0.1f;     // camera px: of less, sigma hardly knows
 constexpr double kReach = 1.5;      // projector px: a neighbour farther off is on another surface
+constexpr double kLikely = 2.5;     // sigma
 constexpr double kCurvature = 0.1;  // projector px: how far surfaces bend away from the plane, at its end
 
 struct Neighbour {
@@ -25,6 +26,7 @@ struct Neighbour {
 
 struct Prediction {
   double q = 0, variance = 0;
+  double inward = 0;  // change of q toward the neighbours' middle
 };
 
 // Plane through the neighbours, at the pixel; those that are far from it are left out once. Nothing where they do not
@@ -43,13 +45,16 @@ std::optional<Prediction> predict(std::vector<Neighbour>& neighbours) {
     A.computeInverseWithCheck(inverse, spans, 1e-9 * std::pow(A(0, 0), 3));
     if (!spans) return std::nullopt;
     const Eigen::Vector3d plane = inverse * b;
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const Neighbour& n : neighbours) middle += n.at;
     double chi2 = 0;
     for (const Neighbour& n : neighbours) chi2 += n.weight * std::pow(n.q - plane.dot(n.at), 2);
     const double scatter = chi2 / static_cast<double>(neighbours.size() - 3);
     const auto far = [&](const Neighbour& n) { return std::abs(n.q - plane.dot(n.at)) > kReach; };
     const auto left = std::remove_if(neighbours.begin(), neighbours.end(), far);
     if (left == neighbours.end())
-      return Prediction{plane[0], inverse(0, 0) * std::max(1.0, scatter) + kCurvature * kCurvature};
+      return Prediction{plane[0], inverse(0, 0) * std::max(1.0, scatter) + kCurvature * kCurvature,
+                        plane.tail<2>().dot(middle.tail<2>())};
     neighbours.erase(left, neighbours.end());
   }
   return std::nullopt;
@@ -98,8 +103,11 @@ void join_half_lit(AxisReading& reading) {
       const auto plane = predict(neighbours);
       if (!plane || plane->q < -0.5 || plane->q > reading.length_px - 0.5)
         continue;  // light comes from the picture only
+      // Light from one side of the pixel has pulled it inward. A plane that says otherwise is another surface's, whose
+      // seam lies between.
       const double own = std::pow(sigma.at(x, y), 2), off = plane->q - q.at(x, y);
-      if (std::abs(off) > kReach + 3 * std::sqrt(own + plane->variance)) continue;
+      const bool outward = off * plane->inward <= 0 || std::abs(off) < 2 * std::sqrt(plane->variance);
+      if (!outward || std::abs(off) > kLikely * std::sqrt(own + plane->variance)) continue;
       reading.q.at(x, y) += static_cast<float>(off * own / (own + plane->variance));
       reading.sigma.at(x, y) = static_cast<float>(std::sqrt(own * plane->variance / (own + plane->variance)));
     }
