@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <limits>
+#include <memory>
 #include <optional>
 
 #include "calib/base/parallel.h"
@@ -16,55 +17,96 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kRadius = 3, kSide = 2 * kRadius + 1;
-constexpr int kFewest = 10;  // readings in a window that can support anything
-constexpr int kStride = 8;   // floats in a row of a window: the last one is never a reading
+constexpr int kFewest = 10;    // readings in a window that can support anything
+constexpr int kLanes = 8;      // pixels of a row that are looked at together
+constexpr int kBandRows = 16;  // one task
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Eight floats at once; comparisons give masks of all bits (GCC and Clang).
-using Row = float __attribute__((vector_size(4 * kStride)));
-using RowMask = std::int32_t __attribute__((vector_size(4 * kStride)));
+// Eight floats at once, of eight neighbouring pixels, or of seven neighbours of one; comparisons give masks of all bits
+// (GCC and Clang).
+using Row = float __attribute__((vector_size(4 * kLanes)));
+using RowMask = std::int32_t __attribute__((vector_size(4 * kLanes)));
 constexpr Row kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
 
 Row masked(RowMask mask, Row values) {
   return std::bit_cast<Row>(mask & std::bit_cast<RowMask>(values));
 }
-float sum(Row r) {
-  float s = 0;
-  for (int i = 0; i < kStride; ++i) s += r[i];
-  return s;
-}
 Row all(float v) {
   return Row{} + v;
 }
+Row load(const float* from) {
+  Row row;
+  std::memcpy(&row, from, sizeof row);
+  return row;
+}
+Row absolute(Row r) {
+  return masked(RowMask{} + 0x7fffffff, r);
+}
+Row larger(Row a, Row b) {
+  return a > b ? a : b;
+}
+Row root(Row r) {
+  for (int i = 0; i < kLanes; ++i) r[i] = std::sqrt(r[i]);
+  return r;
+}
+bool any(RowMask mask) {
+  std::int64_t parts[kLanes / 2];
+  std::memcpy(parts, &mask, sizeof mask);
+  return (parts[0] | parts[1] | parts[2] | parts[3]) != 0;
+}
+int count_of(RowMask mask) {
+  int count = 0;
+  for (int i = 0; i < kLanes; ++i) count -= mask[i];
+  return count;
+}
+
+// The readings of one axis, NaN where there is none, with a border of missing ones: windows end nowhere.
+class Field {
+ public:
+  explicit Field(const Image& q)
+      : width_(q.width()),
+        height_(q.height()),
+        stride_((q.width() + kLanes - 1) / kLanes * kLanes + 2 * kLanes),
+        values_(std::make_unique_for_overwrite<float[]>(static_cast<std::size_t>(stride_) * (height_ + 2 * kRadius))) {
+    parallel_for((height_ + 2 * kRadius + kBandRows - 1) / kBandRows, [&](int band) {
+      for (int y = band * kBandRows - kRadius; y < std::min(height_ + kRadius, (band + 1) * kBandRows - kRadius); ++y) {
+        float* to = values_.get() + static_cast<std::ptrdiff_t>(stride_) * (y + kRadius);
+        const bool inside = y >= 0 && y < height_;
+        std::fill(to, to + kLanes, kNaN);
+        if (inside) std::copy(q.row(y), q.row(y) + width_, to + kLanes);
+        std::fill(to + kLanes + (inside ? width_ : 0), to + stride_, kNaN);
+      }
+    });
+  }
+  int width() const { return width_; }
+  int height() const { return height_; }
+  // x from -kLanes, y from -kRadius.
+  const float* at(int x, int y) const {
+    return values_.get() + static_cast<std::ptrdiff_t>(stride_) * (y + kRadius) + x + kLanes;
+  }
+
+ private:
+  int width_, height_, stride_;
+  std::unique_ptr<float[]> values_;
+};
 
 // The readings of one window, NaN where there is none.
 struct Window {
-  std::array<Row, kSide> rows;
+  std::array<Row, kSide> rows;  // the last lane is never a reading
   int count = 0;
   float value(int line, int column) const { return rows[line][column]; }
 };
 
-Window window_at(const Image& q, int x, int y) {
+Window window_at(const Field& q, int x, int y) {
   Window w;
-  const bool inside = x >= kRadius && x + kRadius + 1 < q.width();
   RowMask finite{};
   for (int line = 0; line < kSide; ++line) {
-    Row row = all(kNaN);
-    const int ny = y + line - kRadius;
-    if (ny >= 0 && ny < q.height()) {
-      const float* from = q.row(ny) + x - kRadius;
-      if (inside) {
-        std::memcpy(&row, from, sizeof row);
-        row[kSide] = kNaN;
-      } else {
-        for (int column = 0; column < kSide; ++column)
-          if (x + column - kRadius >= 0 && x + column - kRadius < q.width()) row[column] = from[column];
-      }
-    }
+    Row row = load(q.at(x - kRadius, y + line - kRadius));
+    row[kSide] = kNaN;
     w.rows[line] = row;
     finite += row == row;  // -1 each
   }
-  for (int i = 0; i < kStride; ++i) w.count -= finite[i];
+  w.count = count_of(finite);
   return w;
 }
 
@@ -91,22 +133,28 @@ std::optional<float> slope(const Window& w, bool along_rows) {
   return median(slopes, count);
 }
 
+// Median of seven, lane by lane.
+Row median_of_seven(std::array<Row, kSide> v) {
+  const auto sort = [&](int i, int j) {
+    const Row low = v[i] < v[j] ? v[i] : v[j];
+    v[j] = v[i] < v[j] ? v[j] : v[i], v[i] = low;
+  };
+  for (const auto& [i, j] : {std::pair(0, 5), {0, 3}, {1, 6}, {2, 4}, {0, 1}, {3, 5}, {2, 6}, {2, 3}, {3, 6}, {4, 5},
+                             {1, 4}, {1, 3}, {3, 4}})
+    sort(i, j);
+  return v[3];
+}
+
 // Slopes of the middles of 4 x 4 pixels, NaN where their windows have none: surfaces are smooth, so the pixels around
 // share them. A pixel whose block has none is asked itself.
 constexpr int kBlock = 4;
 struct Slopes {
   Image x, y;
 
-  explicit Slopes(const Image& q)
-      : x(q.width() / kBlock + 1, q.height() / kBlock + 1, 1, kNaN), y(x.width(), x.height(), 1, kNaN) {
+  explicit Slopes(const Field& q)
+      : x(q.width() / kBlock + 1 + kLanes, q.height() / kBlock + 1, 1, kNaN), y(x.width(), x.height(), 1, kNaN) {
     parallel_for(x.height(), [&](int by) {
-      for (int bx = 0; bx < x.width(); ++bx) {
-        const Window w = window_at(q, std::min(q.width() - 1, bx * kBlock + kBlock / 2),
-                                   std::min(q.height() - 1, by * kBlock + kBlock / 2));
-        if (w.count < kSide * kSide * 3 / 4) continue;  // beside an edge every pixel has its own
-        if (const auto gx = slope(w, true)) x.at(bx, by) = *gx;
-        if (const auto gy = slope(w, false)) y.at(bx, by) = *gy;
-      }
+      for (int bx = 0; bx + kLanes <= x.width(); bx += kLanes) measure(q, bx, by);
     });
   }
   bool of_block(int bx, int by, float& gx, float& gy) const {
@@ -122,6 +170,34 @@ struct Slopes {
     gx = *own_x, gy = *own_y;
     return true;
   }
+
+ private:
+  // Eight blocks; where nothing is missing, the median of seven slopes across the whole window is all that is asked.
+  void measure(const Field& q, int bx, int by) {
+    std::array<Row, kSide> across{}, down{};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int px = (bx + lane) * kBlock + kBlock / 2, py = by * kBlock + kBlock / 2;
+      if (px - kBlock / 2 > q.width() || py - kBlock / 2 > q.height()) break;
+      const Window w = window_at(q, std::min(q.width() - 1, px), std::min(q.height() - 1, py));
+      if (w.count < kSide * kSide * 3 / 4) {  // beside an edge every pixel has its own
+        across[0][lane] = kNaN;
+      } else if (w.count < kSide * kSide) {
+        if (const auto gx = slope(w, true)) x.at(bx + lane, by) = *gx;
+        if (const auto gy = slope(w, false)) y.at(bx + lane, by) = *gy;
+        across[0][lane] = kNaN;
+      }
+      const Row drop = w.rows[kSide - 1] - w.rows[0];
+      for (int i = 0; i < kSide; ++i) {
+        if (w.count == kSide * kSide) across[i][lane] = w.rows[i][kSide - 1] - w.rows[i][0];
+        down[i][lane] = drop[i];
+      }
+    }
+    const RowMask whole = across[0] == across[0];
+    const Row gx = median_of_seven(across) / static_cast<float>(kSide - 1),
+              gy = median_of_seven(down) / static_cast<float>(kSide - 1);
+    for (int lane = 0; lane < kLanes; ++lane)
+      if (whole[lane]) x.at(bx + lane, by) = gx[lane], y.at(bx + lane, by) = gy[lane];
+  }
 };
 
 // Where the window's readings put its centre: their median once the slopes are taken off.
@@ -135,63 +211,108 @@ float centre_of(const Window& w, float gx, float gy) {
   return median(level, count);
 }
 
-// Plane through the readings that agree with `centre`, at the centre.
-struct Plane {
-  float value = 0, sigma = 0;  // sigma 0: those that agree do not span a plane
-  int agree = 0;
-};
-
-// Sums of the least-squares fit r = c + a dx + b dy.
+// Sums of the least-squares fit r = c + a dx + b dy, of eight pixels' windows.
 struct Sums {
-  double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0, r = 0, xr = 0, yr = 0, rr = 0;
-  double edges = 0;  // readings that are a border between two cells
+  Row n{}, x{}, y{}, xx{}, xy{}, yy{}, r{}, xr{}, yr{}, rr{};
+  Row edges{};  // readings that are a border between two cells
 };
 
-Sums sum_up(const Window& w, float centre, float gx, float gy, float cell) {
-  // Neighbours may round to either side, and borders read half a cell.
-  const Row reach = all(1.6f * cell), half = all(0.5f * (cell - 1)), per_cell = all(1 / cell);
-  const Row across = all(centre) + gx * kColumn;
-  Row n{}, r{}, rr{}, ny{}, nyy{}, ry{}, edges{};
-  for (int line = 0; line < kSide; ++line) {
-    const auto dy = static_cast<float>(line - kRadius);
-    const Row value = w.rows[line], off = value - (across + dy * gy);
-    const RowMask agrees = (off <= reach) & (off >= -reach);  // NaN never agrees
-    const Row one = masked(agrees, all(1)), residual = masked(agrees, off);
-    const Row in_cells = masked(agrees, (value - half) * per_cell);
-    const Row away = in_cells - __builtin_convertvector(__builtin_convertvector(in_cells + 0.5f, RowMask), Row);
-    edges += masked((away > 0.25f) | (away < -0.25f), one);  // coordinates are beyond -1: truncation rounds
-    n += one, ny += dy * one, nyy += dy * dy * one;
-    r += residual, ry += dy * residual, rr += residual * residual;
-  }
-  Sums s;
-  s.n = sum(n), s.x = sum(n * kColumn), s.xx = sum(n * kColumn * kColumn);
-  s.y = sum(ny), s.xy = sum(ny * kColumn), s.yy = sum(nyy);
-  s.r = sum(r), s.xr = sum(r * kColumn), s.yr = sum(ry), s.rr = sum(rr), s.edges = sum(edges);
-  return s;
-}
+// Planes through the readings that agree with a centre, at the centre.
+struct Planes {
+  Row value{}, sigma{};  // sigma 0: those that agree do not span a plane
+  Row agree{}, count{};  // of the readings of the window
+};
+
+// Where the eight windows are: at the first of eight neighbouring pixels, and that pixel in the first of seven rows of
+// flags that are 1 where a reading is a border; how many of them each window has.
+struct Place {
+  const Field& q;
+  int x, y;
+  const std::uint8_t* flags;
+  std::ptrdiff_t flags_stride;
+  Row edges;
+};
 
 // Readings are rounded to cells. A share e of them are borders, each of a zone up to 2 e cells wide (where every last
 // bit is lost, borders are all that is read, two cells apart), the rest cells less their borders, so rounding has the
 // variance cell^2 ((1 - e)^3 + 4 e^3) / 12. What the residuals show of it averages out (slowly: errors repeat along
 // lines of equal code and swing only once or twice across a window, so that four pixels count as one); what they do not
 // show, by more than a quarter, has gone into the plane unseen.
-Plane fit(const Window& w, float centre, float gx, float gy, float cell) {
-  const Sums s = sum_up(w, centre, gx, gy, cell);
-  Plane plane;
-  plane.agree = static_cast<int>(s.n);
+[[gnu::always_inline]] inline void solve(const Sums& s, Row centre, float cell, Planes& planes) {
   // Normal equations by Cramer's rule.
-  const double cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
-  const double determinant = s.n * cx + s.x * cy + s.y * cz;
-  if (s.n < 6 || determinant < 1e-3 * s.n * s.xx * s.yy) return plane;
-  const double c = (s.r * cx + s.xr * cy + s.yr * cz) / determinant;
-  const double a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) / determinant;
-  const double b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) / determinant;
-  const double left = std::max(0.0, s.rr - c * s.r - a * s.xr - b * s.yr) / std::max(1.0, s.n - 3);
-  const double e = s.edges / s.n;
-  const double rounding = cell * cell * (std::pow(1 - e, 3) + 4 * std::pow(e, 3)) / 12;
-  plane.value = static_cast<float>(centre + c);
-  plane.sigma = static_cast<float>(std::sqrt(4 * left * cx / determinant + std::max(4e-4, rounding - 1.25 * left)));
-  return plane;
+  const Row cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
+  const Row determinant = s.n * cx + s.x * cy + s.y * cz;
+  const RowMask spans = (s.n >= 6) & (determinant > 1e-3f * s.n * s.xx * s.yy);
+  const Row scale = 1 / determinant;
+  const Row c = (s.r * cx + s.xr * cy + s.yr * cz) * scale;
+  const Row a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) * scale;
+  const Row b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) * scale;
+  const Row left = larger(s.rr - c * s.r - a * s.xr - b * s.yr, Row{}) * (1 / larger(s.n - 3, all(1)));
+  const Row e = s.edges * (1 / s.n), inner = 1 - e;
+  const Row rounding = cell * cell / 12 * (inner * inner * inner + 4 * e * e * e);
+  planes.agree = s.n;
+  planes.value = centre + c;
+  planes.sigma = masked(spans, root(4 * left * (cx * scale) + larger(rounding - 1.25f * left, all(4e-4f))));
+}
+
+// Where all readings of all windows agree the sums of positions are known; false where they do not.
+[[gnu::always_inline]] inline bool fit_whole(const Place& p, RowMask wanted, Row centre, Row gx, Row gy, float cell,
+                                             Planes& planes) {
+  const Row reach = all(1.6f * cell);
+  RowMask agree = RowMask{} - 1;
+  Row r{}, xr{}, yr{}, rr{};
+  for (int line = -kRadius; line <= kRadius; ++line) {
+    const auto dy = static_cast<float>(line);
+    const float* row = p.q.at(p.x, p.y + line);
+    const Row across = centre + dy * gy;
+    Row sum{};
+#pragma GCC unroll 7
+    for (int column = -kRadius; column <= kRadius; ++column) {
+      const auto dx = static_cast<float>(column);
+      const Row off = load(row + column) - (across + dx * gx);
+      agree &= absolute(off) <= reach;  // NaN never agrees
+      sum += off, xr += dx * off, rr += off * off;
+    }
+    r += sum, yr += dy * sum;
+  }
+  if (any(wanted & ~agree)) return false;
+  Sums s;
+  s.n = all(kSide * kSide), s.xx = s.yy = all(kSide * kSide * (kRadius * (kRadius + 1) / 3.0f));
+  s.r = r, s.xr = xr, s.yr = yr, s.rr = rr, s.edges = p.edges;
+  solve(s, centre, cell, planes);
+  planes.count = s.n;
+  return true;
+}
+
+Planes fit_agreeing(const Place& p, Row centre, Row gx, Row gy, float cell) {
+  const Row reach = all(1.6f * cell);  // neighbours may round to either side, and borders read half a cell
+  Sums s;
+  RowMask count{}, edges{};
+  for (int line = -kRadius; line <= kRadius; ++line) {
+    const auto dy = static_cast<float>(line);
+    const float* row = p.q.at(p.x, p.y + line);
+    const std::uint8_t* flags = p.flags + (line + kRadius) * p.flags_stride;
+    const Row across = centre + dy * gy;
+    Row n{}, x{}, xx{}, r{};
+    for (int column = -kRadius; column <= kRadius; ++column) {
+      const auto dx = static_cast<float>(column);
+      const Row value = load(row + column), off = value - (across + dx * gx);
+      const RowMask agrees = absolute(off) <= reach;
+      const Row one = masked(agrees, all(1)), residual = masked(agrees, off);
+      std::uint8_t flag __attribute__((vector_size(kLanes)));
+      std::memcpy(&flag, flags + column, sizeof flag);
+      count -= value == value, edges += agrees & __builtin_convertvector(flag, RowMask);
+      n += one, x += dx * one, xx += dx * dx * one;
+      r += residual, s.xr += dx * residual, s.rr += residual * residual;
+    }
+    s.n += n, s.x += x, s.xx += xx, s.y += dy * n, s.xy += dy * x, s.yy += dy * dy * n;
+    s.r += r, s.yr += dy * r;
+  }
+  s.edges = __builtin_convertvector(edges, Row);
+  Planes planes;
+  solve(s, centre, cell, planes);
+  planes.count = __builtin_convertvector(count, Row);
+  return planes;
 }
 
 // Whether a cell within one and a half of q has all the certain bits of the pixel.
@@ -205,20 +326,6 @@ bool confirmed(float q, std::uint32_t code, std::uint32_t uncertain, const AxisR
   return false;
 }
 
-// A reading or the completion of one; nothing but the reason where it fails.
-struct Refined {
-  float q = kNaN, sigma = 0;
-  Reason reason = Reason::kAccepted;
-};
-
-Refined refine_reading(const Window& w, float read, float gx, float gy, float cell) {
-  const Plane plane = fit(w, read, gx, gy, cell);
-  if (plane.agree < 6 || plane.agree < 0.3 * w.count) return {.reason = Reason::kInconsistent};
-  // A line of pixels supports it but spans no plane: the reading stays.
-  if (plane.sigma <= 0) return {read, 0.29f * cell, Reason::kAccepted};
-  return {plane.value, plane.sigma, Reason::kAccepted};
-}
-
 // Whether q is within half a cell of an edge of the base bit: there light is half of both, whatever the bits combined
 // with it are.
 bool on_base_edge(float q, const AxisReading& reading) {
@@ -230,16 +337,16 @@ bool on_base_edge(float q, const AxisReading& reading) {
          1;
 }
 
-Refined complete(const Window& w, float gx, float gy, std::size_t i, const AxisReading& reading) {
-  const Refined rejected{.reason = Reason::kUncertainBit};
+// Whether enough of a pixel's bits are certain to complete it.
+bool may_be_completed(std::size_t i, const AxisReading& reading) {
   const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
-  if (!edge && 2 * std::popcount(reading.uncertain[i]) > reading.bits) return rejected;
-  const auto cell = static_cast<float>(reading.cell_px);
-  const Plane plane = fit(w, centre_of(w, gx, gy), gx, gy, cell);
-  if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
-  if (edge && !on_base_edge(plane.value, reading)) return rejected;
-  if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
-  return {plane.value, plane.sigma, Reason::kAccepted};
+  return edge || 2 * std::popcount(reading.uncertain[i]) <= reading.bits;
+}
+
+// Whether all certain bits of a pixel are those of q, which its neighbours say.
+bool completes(float q, std::size_t i, const AxisReading& reading) {
+  const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
+  return (!edge || on_base_edge(q, reading)) && confirmed(q, reading.code[i], reading.uncertain[i], reading);
 }
 
 // How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
@@ -261,28 +368,171 @@ void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float g
 
 }  // namespace
 
-void refine_by_neighbours(AxisReading& reading) {
-  const Image raw = reading.q;
-  const Slopes slopes(raw);
-  const auto cell = static_cast<float>(reading.cell_px);
-  parallel_for(raw.height(), [&](int y) {
-    for (int x = 0; x < raw.width(); ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
-      const auto reason = static_cast<Reason>(reading.reason.data()[i]);
-      if (reason != Reason::kAccepted && reason != Reason::kUncertainBit) continue;
-      const Window w = window_at(raw, x, y);
-      float gx = 0, gy = 0;
-      const bool supported = w.count >= kFewest && slopes.of(w, x, y, gx, gy);
-      const bool read = reason == Reason::kAccepted;
-      const Refined refined = !supported ? Refined{.reason = read ? Reason::kIsolated : Reason::kUncertainBit}
-                              : read     ? refine_reading(w, raw.at(x, y), gx, gy, cell)
-                                         : complete(w, gx, gy, i, reading);
-      reading.q.data()[i] = refined.q;
-      reading.sigma.data()[i] = refined.sigma;
-      widen_by_surroundings(reading, x, y, gx, gy);
-      reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
+namespace {
+
+// Refines bands of rows of an axis, eight pixels at a time.
+class Refiner {
+ public:
+  explicit Refiner(AxisReading& reading)
+      : reading_(reading), q_(reading.q), slopes_(q_), cell_(static_cast<float>(reading.cell_px)) {}
+
+  void run() {
+    parallel_for((q_.height() + kBandRows - 1) / kBandRows, [&](int band) {
+      Band b(q_.width());
+      const int first = band * kBandRows, last = std::min(q_.height(), first + kBandRows);
+      for (int y = first - kRadius; y < last + kRadius; ++y) flag_edges(b, y - first + kRadius, y);
+      for (int y = first; y < last; ++y) {
+        count_edges(b, y - first);
+        find_brightest(b, y);
+        for (int x = 0; x < q_.width(); x += kLanes) refine(b, x, y, y - first);
+      }
+    });
+  }
+
+ private:
+  // Of the rows of a band and those around; x from -kLanes.
+  struct Band {
+    int stride;
+    std::vector<std::uint8_t> flags, edges, columns;  // a reading is a border; how many there are in a window, a column
+    std::vector<float> brightest, highest;            // contrast within two pixels; within two rows
+    explicit Band(int width)
+        : stride(width + 4 * kLanes),
+          flags(static_cast<std::size_t>(stride) * (kBandRows + 2 * kRadius)),
+          edges(stride),
+          columns(stride),
+          brightest(stride),
+          highest(stride) {}
+  };
+  // Eight pixels: what is known of them before their windows are looked at.
+  struct Lanes {
+    RowMask read{}, doubtful{};
+    Row centre{}, gx{}, gy{};
+  };
+
+  void flag_edges(Band& band, int line, int y) const {
+    const float half = 0.5f * (cell_ - 1), per_cell = 1 / cell_;
+    const float* q = q_.at(0, y);
+    std::uint8_t* flags = band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line + kLanes;
+    for (int x = 0; x < q_.width(); ++x) {  // coordinates are beyond -1: truncation rounds
+      const float in_cells = (q[x] - half) * per_cell;
+      flags[x] = std::abs(in_cells - static_cast<float>(static_cast<int>(in_cells + 0.5f))) > 0.25f;
     }
-  });
+  }
+  void count_edges(Band& band, int line) const {
+    const std::uint8_t* flags = band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line;
+    std::uint8_t *columns = band.columns.data(), *edges = band.edges.data();
+    std::copy(flags, flags + band.stride, columns);
+    for (int i = 1; i < kSide; ++i)
+      for (int x = 0; x < band.stride; ++x) columns[x] += flags[i * band.stride + x];
+    std::copy(columns + kLanes - kRadius, columns + band.stride - kLanes - kRadius, edges + kLanes);
+    for (int i = 1; i < kSide; ++i)
+      for (int x = kLanes; x < band.stride - kLanes; ++x) edges[x] += columns[x + i - kRadius];
+  }
+  void find_brightest(Band& band, int y) const {
+    const Image& contrast = reading_.contrast;
+    float *highest = band.highest.data() + kLanes, *brightest = band.brightest.data() + kLanes;
+    std::fill(highest, highest + q_.width(), 0.0f);
+    for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
+      for (int x = 0; x < q_.width(); ++x) highest[x] = std::max(highest[x], contrast.row(ny)[x]);
+    for (int x = 0; x < q_.width(); ++x)
+      brightest[x] = std::max(std::max(std::max(highest[x - 2], highest[x - 1]), std::max(highest[x + 1], highest[x + 2])),
+                              highest[x]);
+  }
+
+  void refine(const Band& band, int x, int y, int line);
+  Lanes look(int x, int y, int count) const;
+
+  AxisReading& reading_;
+  Field q_;
+  Slopes slopes_;
+  float cell_;
+};
+
+// Which of eight pixels are read or in doubt, their slopes, and where their windows are centred. What has no support is
+// left out of both.
+Refiner::Lanes Refiner::look(int x, int y, int count) const {
+  Lanes lanes;
+  const std::size_t start = static_cast<std::size_t>(y) * q_.width() + x;
+  lanes.centre = load(q_.at(x, y));
+  const int bx = x / kBlock, by = y / kBlock;
+  const float *gx = &slopes_.x.row(by)[bx], *gy = &slopes_.y.row(by)[bx];
+  lanes.gx = Row{gx[0], gx[0], gx[0], gx[0], gx[1], gx[1], gx[1], gx[1]};
+  lanes.gy = Row{gy[0], gy[0], gy[0], gy[0], gy[1], gy[1], gy[1], gy[1]};
+  const std::uint8_t* reason = reading_.reason.data().data() + start;
+  static_assert(kLanes == 8 && kBlock == 4 && static_cast<int>(Reason::kAccepted) == 0);
+  std::uint64_t reasons = 0;
+  if (count == kLanes) std::memcpy(&reasons, reason, sizeof reasons);
+  const bool smooth = !any(~((lanes.gx == lanes.gx) & (lanes.gy == lanes.gy)));
+  if (count == kLanes && reasons == 0 && smooth) {
+    lanes.read = RowMask{} - 1;
+    return lanes;
+  }
+  for (int i = 0; i < count; ++i) {
+    const bool read = reason[i] == static_cast<std::uint8_t>(Reason::kAccepted);
+    const bool doubtful = reason[i] == static_cast<std::uint8_t>(Reason::kUncertainBit);
+    if (!read && !(doubtful && may_be_completed(start + i, reading_))) continue;
+    if (read && smooth) {
+      lanes.read[i] = -1;
+      continue;
+    }
+    const Window w = window_at(q_, x + i, y);
+    float own_x = 0, own_y = 0;
+    if (w.count < kFewest || !slopes_.of(w, x + i, y, own_x, own_y)) continue;
+    lanes.gx[i] = own_x, lanes.gy[i] = own_y;
+    (read ? lanes.read : lanes.doubtful)[i] = -1;
+    if (doubtful) lanes.centre[i] = centre_of(w, own_x, own_y);
+  }
+  return lanes;
+}
+
+void Refiner::refine(const Band& band, int x, int y, int line) {
+  const int count = std::min(kLanes, q_.width() - x);
+  const Lanes lanes = look(x, y, count);
+  const RowMask wanted = lanes.read | lanes.doubtful;
+  float* q = reading_.q.row(y) + x;
+  float* sigma = reading_.sigma.row(y) + x;
+  std::uint8_t* reason = reading_.reason.row(y) + x;
+  Planes planes;
+  if (any(wanted)) {
+    const auto edges = [&] {
+      std::uint8_t counts __attribute__((vector_size(kLanes)));
+      std::memcpy(&counts, band.edges.data() + kLanes + x, sizeof counts);
+      return __builtin_convertvector(counts, Row);
+    };
+    const Place place{q_, x, y, band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line + kLanes + x,
+                      band.stride, edges()};
+    if (!fit_whole(place, wanted, lanes.centre, lanes.gx, lanes.gy, cell_, planes))
+      planes = fit_agreeing(place, lanes.centre, lanes.gx, lanes.gy, cell_);
+  }
+  const RowMask supported = (planes.agree >= 6) & (planes.agree >= 0.3f * planes.count) & (planes.count >= kFewest);
+  const RowMask spans = planes.sigma > 0;
+  // A line of pixels supports it but spans no plane: the reading stays.
+  Row value = spans ? planes.value : lanes.centre, error = spans ? planes.sigma : all(0.29f * cell_);
+  Row here{};
+  std::memcpy(&here, reading_.contrast.row(y) + x, count * sizeof(float));
+  const Row pull = 0.8f * larger(1 - 1.1f * here / load(band.brightest.data() + kLanes + x), Row{});
+  error = root(error * error + pull * pull * (lanes.gx * lanes.gx + lanes.gy * lanes.gy));
+  RowMask accepted = lanes.read & supported;
+  const RowMask candidates = lanes.doubtful & supported & spans & (planes.agree >= 0.7f * planes.count);
+  for (int i = 0; i < count; ++i) {
+    const std::size_t at = static_cast<std::size_t>(y) * q_.width() + x + i;
+    const auto why = static_cast<Reason>(reason[i]);
+    if (why == Reason::kUncertainBit && candidates[i] && completes(value[i], at, reading_)) accepted[i] = -1;
+    if (accepted[i])
+      reason[i] = static_cast<std::uint8_t>(Reason::kAccepted);
+    else if (why == Reason::kAccepted)
+      reason[i] = static_cast<std::uint8_t>(lanes.read[i] && planes.count[i] >= kFewest ? Reason::kInconsistent
+                                                                                        : Reason::kIsolated);
+  }
+  value = accepted ? value : all(kNaN), error = accepted ? error : all(kNaN);
+  std::memcpy(q, &value, count * sizeof(float));
+  std::memcpy(sigma, &error, count * sizeof(float));
+}
+
+}  // namespace
+
+void refine_by_neighbours(AxisReading& reading) {
+  Refiner(reading).run();
 }
 
 namespace {
@@ -295,9 +545,7 @@ int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
     const Row off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
     agree += (off <= reach) & (off >= -reach);  // -1 each
   }
-  int count = 0;
-  for (int i = 0; i < kStride; ++i) count -= agree[i];
-  return count;
+  return count_of(agree);
 }
 
 }  // namespace
@@ -307,14 +555,15 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   Image judges = raw;  // doubtful readings judge only where there are hardly others
   for (std::size_t i = 0; i < judges.data().size(); ++i)
     if (reading.reason.data()[i]) judges.data()[i] = kNaN;
-  const Slopes slopes(judges);
+  const Field field(raw), judging(judges);
+  const Slopes slopes(judging);
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
       if (!std::isfinite(raw.data()[i])) continue;
       const bool certain = std::isfinite(judges.data()[i]);
-      Window w = window_at(judges, x, y);
-      if (w.count < 2 * kFewest) w = window_at(raw, x, y);
+      Window w = window_at(judging, x, y);
+      if (w.count < 2 * kFewest) w = window_at(field, x, y);
       Reason why = Reason::kIsolated;
       float gx = 0, gy = 0;
       if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {
