@@ -1,6 +1,8 @@
 #include "calib/image/stored_photo.h"
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 namespace countershade {
 
@@ -43,9 +45,7 @@ void StoredPhoto::light_row(int y, float* light) const {
       const int last = static_cast<int>(scale_.table.size()) - 1;
       mean([=](T v) { return table[std::min<int>(v, last)]; });
     } else {
-      const auto gain = static_cast<float>(1 / (scale_.full_scale - scale_.pedestal));
-      const float offset = -static_cast<float>(scale_.pedestal) * gain;
-      mean([=](T v) { return static_cast<float>(int{v}) * gain + offset; });
+      mean([gain = gain(), offset = offset()](T v) { return static_cast<float>(int{v}) * gain + offset; });
     }
   };
   std::visit(read, values_);
@@ -58,10 +58,11 @@ void StoredPhoto::mark_saturated(int y, std::uint8_t* flags) const {
       for (int x = 0; x < values.width(); ++x) flags[x] |= !valid_.row(y)[x];
     } else {
       const T* row = values.row(y);
-      const auto limit = static_cast<float>(scale_.saturated_from);
+      if (scale_.saturated_from > std::numeric_limits<T>::max()) return;
+      const auto limit = static_cast<T>(std::max(0.0, std::ceil(scale_.saturated_from)));
       const int channels = values.channels();
-      for (int x = 0; x < values.width(); ++x)
-        for (int c = 0; c < channels; ++c) flags[x] |= static_cast<float>(row[x * channels + c]) >= limit;
+      for (int c = 0; c < channels; ++c)
+        for (int x = 0; x < values.width(); ++x) flags[x] |= static_cast<std::uint8_t>(row[x * channels + c] >= limit);
     }
   };
   std::visit(mark, values_);

@@ -26,6 +26,15 @@ class StoredPhoto {
   int width() const;
   int height() const;
   std::size_t bytes() const;  // memory of the values
+  // Row y as it is stored where that has one channel of type T and is linear, so that light = stored gain() + offset();
+  // null otherwise.
+  template <class T>
+  const T* linear_row(int y) const {
+    const auto* values = std::get_if<Raster<T>>(&values_);
+    return values != nullptr && values->channels() == 1 && scale_.table.empty() ? values->row(y) : nullptr;
+  }
+  float gain() const { return static_cast<float>(1 / (scale_.full_scale - scale_.pedestal)); }
+  float offset() const { return -static_cast<float>(scale_.pedestal) * gain(); }
   // Mean over the channels of row y, linear light: `light` has width() floats.
   void light_row(int y, float* light) const;
   // Sets flags[x] to 1 where row y is saturated (or says nothing), leaves the others.

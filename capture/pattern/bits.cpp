@@ -15,53 +15,47 @@ constexpr int kFineBits = 4;   // their stripes are too narrow to modulate light
 constexpr int kWaiting = 64;   // bytes per pixel of photos that wait for a pass at most, where they can be judged
 constexpr int kBandRows = 16;  // one task
 
-// The photos of one bit, one row, and what a difference must exceed.
-struct RowRules {
-  float noise = 0, photon = 0;  // min_snr^2 (2 read^2 + photon (plain + inverse))
-  float modulation = 0;         // of white - black
-};
-
-// Adds a bit to `code` where plain > inverse, and to `uncertain` unless
-//   |plain - inverse| > modulation (white - black)   and   |plain - inverse| > limit + min_snr sigma,
-// which takes no root when it is squared. limit: null = 0.
-void read_bit(const float* plain, const float* inverse, const float* contrast, const float* limit, int width,
-              std::uint32_t mask, const RowRules& rules, std::uint32_t* code, std::uint32_t* uncertain) {
-  const auto read = [&](int x, float beyond) {
-    const float difference = plain[x] - inverse[x], size = std::abs(difference);
-    const float light = std::max(0.0f, plain[x] + inverse[x]), left = std::max(0.0f, size - beyond);
-    const bool certain = (left * left > rules.noise + rules.photon * light) & (size > rules.modulation * contrast[x]);
-    code[x] |= difference > 0 ? mask : 0u;
-    uncertain[x] |= certain ? 0u : mask;
-  };
-  if (limit != nullptr) {
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) read(x, limit[x]);
-  } else {
-#pragma GCC ivdep
-    for (int x = 0; x < width; ++x) read(x, 0.0f);
-  }
-}
-
-std::uint32_t binary_of(std::uint32_t gray) {
+LaneBits binary_of(LaneBits gray) {
   for (int shift = 16; shift > 0; shift /= 2) gray ^= gray >> shift;
   return gray;
 }
 
-// Bits that were shown in exclusive or with another become those of the Gray code; where that one is in doubt, so are
-// they.
-void take_off_base(std::uint32_t combined, int base, int width, std::uint32_t* code, std::uint32_t* uncertain) {
-  for (int x = 0; x < width; ++x) {
-    if ((code[x] >> base) & 1) code[x] ^= combined;
-    if ((uncertain[x] >> base) & 1) uncertain[x] |= combined;
-  }
+// Eight stored values, widened.
+[[gnu::always_inline]] inline LaneMask stored(const std::uint8_t* from, int count) {
+  return load_bytes(from, count);
+}
+[[gnu::always_inline]] inline LaneMask stored(const std::uint16_t* from, int count) {
+  return __builtin_convertvector(load<LaneWords>(from, count), LaneMask);
+}
+[[gnu::always_inline]] inline Lanes stored(const float* from, int count) {
+  return load<Lanes>(from, count);
+}
+inline Lanes light(LaneMask stored) {
+  return __builtin_convertvector(stored, Lanes);
+}
+inline Lanes light(Lanes stored) {
+  return stored;
 }
 
 }  // namespace
 
-// Buffers of one band of rows.
-struct BitReading::Rows {
-  std::vector<float> plain, inverse, limit;
-  explicit Rows(int width) : plain(width), inverse(width), limit(width) {}
+// One pass over the rows.
+struct BitReading::Pass {
+  const LevelPhotos& levels;
+  const std::vector<Pair>& pairs;  // by axis, the fine ones first
+  bool first = false, last = false;
+  float noise = 0, photon = 0;  // min_snr^2 (2 read^2 + photon (plain + inverse))
+  float gain = 1, offset = 0;   // of stored values
+};
+
+// The same row of all pairs.
+template <class T>
+struct BitReading::PairRows {
+  struct Both {
+    const T *plain, *inverse;
+    std::uint32_t bit;
+  };
+  std::vector<Both> rows;
 };
 
 bool BitReading::is_fine(int axis, int bit) const {
@@ -89,7 +83,8 @@ std::vector<BitReading::Pair> BitReading::ready(const StoredPhotos& photos) cons
     for (const bool fine : {true, false})
       for (int b = 0; b < static_cast<int>(plan_.axis[a].bits.size()); ++b) {
         if (is_fine(a, b) != fine || (b < static_cast<int>(read_[a].size()) && read_[a][b])) continue;
-        const auto plain = photos.find(plan_.axis[a].bits[b].plain), inverse = photos.find(plan_.axis[a].bits[b].inverse);
+        const auto plain = photos.find(plan_.axis[a].bits[b].plain),
+                   inverse = photos.find(plan_.axis[a].bits[b].inverse);
         const bool there = plain != photos.end() && inverse != photos.end();
         if (fine) fine_known = fine_known && there;
         if (there && (fine || fine_known)) pairs.push_back({a, b, fine, plain->second, inverse->second});
@@ -103,19 +98,35 @@ void BitReading::read(StoredPhotos& photos, bool all) {
   const std::vector<Pair> pairs = ready(photos);
   std::size_t bytes = 0, left = 0;
   for (const Pair& p : pairs) bytes += p.plain->bytes() + p.inverse->bytes();
-  for (int a = 0; a < 2; ++a)
-    left += plan_.axis[a].bits.size() - std::count(read_[a].begin(), read_[a].end(), true);
+  for (int a = 0; a < 2; ++a) left += plan_.axis[a].bits.size() - std::count(read_[a].begin(), read_[a].end(), true);
   const std::size_t pixels = pairs.empty() ? 0 : std::size_t{1} * pairs[0].plain->width() * pairs[0].plain->height();
   if (pairs.empty() || (!all && pairs.size() < left && bytes < kWaiting * pixels)) return;
   const bool first = !levels_, last = pairs.size() == left;
   if (first) begin(level_photos);
+  const double snr = options_.min_snr * options_.min_snr, read = levels_->noise.read;
+  const Pass pass{level_photos,
+                  pairs,
+                  first,
+                  last,
+                  static_cast<float>(2 * snr * read * read),
+                  static_cast<float>(snr * levels_->noise.photon),
+                  pairs[0].plain->gain(),
+                  pairs[0].plain->offset()};
+  const auto all_store = [&]<class T>(T) {
+    const auto does = [&](const StoredPhoto& p) {
+      return p.linear_row<T>(0) != nullptr && p.gain() == pass.gain && p.offset() == pass.offset;
+    };
+    return std::all_of(pairs.begin(), pairs.end(), [&](const Pair& p) { return does(*p.plain) && does(*p.inverse); });
+  };
+  const bool bytes_only = all_store(std::uint8_t{}), words_only = all_store(std::uint16_t{});
   parallel_for((height_ + kBandRows - 1) / kBandRows, [&](int band) {
-    Rows rows(width_);
-    for (int y = band * kBandRows; y < std::min(height_, (band + 1) * kBandRows); ++y) {
-      if (first) judge_row(level_photos, y, rows);
-      read_row(pairs, y, rows);
-      if (last) finish_row(y);
-    }
+    const int first_row = band * kBandRows, last_row = std::min(height_, first_row + kBandRows);
+    if (bytes_only)
+      read_band<std::uint8_t>(pass, first_row, last_row);
+    else if (words_only)
+      read_band<std::uint16_t>(pass, first_row, last_row);
+    else
+      read_band<float>(pass, first_row, last_row);
   });
   done_ = last;
   for (const Pair& p : pairs) {
@@ -124,114 +135,167 @@ void BitReading::read(StoredPhotos& photos, bool all) {
     photos.erase(frames.plain), photos.erase(frames.inverse);
   }
   photos.erase(plan_.white), photos.erase(plan_.black);
-  if (!done_) return;
-  for (std::vector<float>& fine : fine_) fine = {};
-  for (AxisReading& axis : axes_)
-    if (axis.bits) axis.contrast = contrast_;
+  if (done_) fine_ = {};
 }
 
 void BitReading::begin(const LevelPhotos& photos) {
   levels_ = measure_levels(photos);
   width_ = photos.photo[0]->width(), height_ = photos.photo[0]->height();
-  judged_ = Mask(width_, height_, 1), contrast_ = Image(width_, height_, 1);
-  parallel_for(2, [&](int a) {
+  parallel_for(3, [&](int a) {
+    if (a == 2) {
+      judged_ = Mask(width_, height_, 1), contrast_ = Image(width_, height_, 1);
+      return;
+    }
     const AxisCode& code = plan_.axis[a];
     read_[a].assign(code.bits.size(), false);
     if (code.bits.empty()) return;
     AxisReading& axis = axes_[a];
     axis.cell_px = code.cell_px, axis.length_px = code.length_px, axis.bits = static_cast<int>(code.bits.size());
-    for (const BitFrames& bit : code.bits) axis.base = std::max(axis.base, bit.base);
-    axis.q = axis.sigma = Image(width_, height_, 1, kNaN);
+    for (std::size_t b = 0; b < code.bits.size(); ++b)
+      if (code.bits[b].base >= 0) axis.base = code.bits[b].base, combined_[a] |= 1u << b;
+    axis.q = Image(width_, height_, 1), axis.sigma = Image(width_, height_, 1);
     axis.reason = Mask(width_, height_, 1);
-    axis.code.assign(judged_.pixels(), 0), axis.uncertain.assign(judged_.pixels(), 0);
-    fine_[a].assign(judged_.pixels(), 0.0f);
+    axis.code.resize(axis.q.pixels()), axis.uncertain.resize(axis.q.pixels());
+    fine_[a].resize(axis.q.pixels());
   });
 }
 
 // Pixels that no code is read from: dark or saturated.
-void BitReading::judge_row(const LevelPhotos& photos, int y, Rows& rows) {
+void BitReading::judge_row(const LevelPhotos& photos, int y, float* white, float* black) {
   std::uint8_t* reason = judged_.row(y);
-  float *white = rows.plain.data(), *black = rows.inverse.data(), *contrast = contrast_.row(y);
   photos.row(y, white, black, reason);
   const double snr = options_.min_snr * options_.min_snr, read = levels_->noise.read;
-  const auto noise = static_cast<float>(2 * snr * read * read), photon = static_cast<float>(snr * levels_->noise.photon);
-  const auto dark = static_cast<float>(std::max(0.0, options_.dark_fraction * levels_->contrast));
-  for (int x = 0; x < width_; ++x) {
-    const float range = white[x] - black[x], light = std::max(0.0f, white[x]) + std::max(0.0f, black[x]);
-    const bool lit = (range > dark) & (range * range > noise + photon * light);  // NaN is dark
-    contrast[x] = range;
-    reason[x] = static_cast<std::uint8_t>(!lit        ? Reason::kDark
-                                          : reason[x] ? Reason::kSaturated
-                                                      : Reason::kAccepted);
-  }
-}
-
-// A direct share d of the light makes +-d of a bit's difference, light by way of other surfaces up to +-(1 - d): a
-// coarse bit is certain only beyond what the latter can do against the former, 1 - 2 d (Xu & Aliaga 2007, robust pixel
-// classification; their bounds for on and off, written for the difference). The strongest of several modulations is a
-// few percent more than d.
-void BitReading::read_row(const std::vector<Pair>& pairs, int y, Rows& rows) {
-  const std::size_t start = static_cast<std::size_t>(y) * width_;
-  const double snr = options_.min_snr * options_.min_snr, read = levels_->noise.read;
-  const RowRules rules{static_cast<float>(2 * snr * read * read), static_cast<float>(snr * levels_->noise.photon),
-                       static_cast<float>(options_.min_modulation)};
-  const float* contrast = contrast_.row(y);
-  int limits_of = -1;  // axis
-  for (const Pair& pair : pairs) {
-    pair.plain->light_row(y, rows.plain.data()), pair.inverse->light_row(y, rows.inverse.data());
-    float* limit = rows.limit.data();
-    if (pair.fine) {
-      float* fine = fine_[pair.axis].data() + start;
-      for (int x = 0; x < width_; ++x) fine[x] = std::max(fine[x], std::abs(rows.plain[x] - rows.inverse[x]));
-    } else if (limits_of != pair.axis) {
-      limits_of = pair.axis;
-      std::fill(rows.limit.begin(), rows.limit.end(), 0.0f);
-      for (int a = 0; a <= pair.axis; ++a)
-        if (!fine_[a].empty())
-          for (int x = 0; x < width_; ++x) limit[x] = std::max(limit[x], fine_[a][start + x]);
-      for (int x = 0; x < width_; ++x) limit[x] = std::max(0.0f, contrast[x] - 1.8f * limit[x]);
-    }
-    AxisReading& axis = axes_[pair.axis];
-    read_bit(rows.plain.data(), rows.inverse.data(), contrast, pair.fine ? nullptr : limit, width_, 1u << pair.bit,
-             rules, axis.code.data() + start, axis.uncertain.data() + start);
-  }
+  const auto noise = static_cast<float>(2 * snr * read * read),
+             photon = static_cast<float>(snr * levels_->noise.photon);
+  const Lanes dark = all(static_cast<float>(std::max(0.0, options_.dark_fraction * levels_->contrast))), none{};
+  for_lanes(width_, [&](int x, auto count) {
+    const auto w = load<Lanes>(white + x, count), b = load<Lanes>(black + x, count);
+    const Lanes range = w - b;
+    const LaneMask lit = (range > dark) & (range * range > noise + photon * (larger(w, none) + larger(b, none)));
+    store(range, contrast_.row(y) + x, count);
+    const auto saturated = load_bytes(reason + x, count) != 0;
+    const LaneMask why = lit ? saturated & static_cast<int>(Reason::kSaturated)
+                             : LaneMask{} + static_cast<int>(Reason::kDark);  // NaN is dark
+    store_bytes(why, reason + x, count);
+  });
 }
 
 // Whether light is direct at all, and the coordinates that bits say [px]: a cell's middle, or the border of two where
 // the one bit in doubt decides between them (Gray code changes one bit from cell to cell).
-void BitReading::finish_row(int y) {
-  const std::size_t start = static_cast<std::size_t>(y) * width_;
-  std::uint8_t* judged = judged_.row(y);
-  const float *contrast = contrast_.row(y), *fine_x = fine_[0].empty() ? nullptr : fine_[0].data() + start,
-              *fine_y = fine_[1].empty() ? nullptr : fine_[1].data() + start;
-  const auto least = static_cast<float>(options_.fine_modulation);
-  for (int x = 0; x < width_; ++x) {
-    const float fine = std::max(fine_x ? fine_x[x] : 0.0f, fine_y ? fine_y[x] : 0.0f);
-    if (!judged[x] && fine < least * contrast[x]) judged[x] = static_cast<std::uint8_t>(Reason::kIndirect);
-  }
+template <class Count>
+[[gnu::always_inline]] inline void BitReading::finish(int y, int x, Count count, const std::array<LaneBits, 2>& codes,
+                                                      const std::array<LaneBits, 2>& doubts, Lanes fine,
+                                                      Lanes contrast) {
+  std::uint8_t* judged = judged_.row(y) + x;
+  LaneMask why = load_bytes(judged, count);
+  const LaneMask indirect = (why == 0) & (fine < static_cast<float>(options_.fine_modulation) * contrast);
+  why = indirect ? LaneMask{} + static_cast<int>(Reason::kIndirect) : why;
+  store_bytes(why, judged, count);
   for (int a = 0; a < 2; ++a) {
-    const AxisCode& frames = plan_.axis[a];
     AxisReading& axis = axes_[a];
-    if (frames.bits.empty()) continue;
-    std::uint32_t *code = axis.code.data() + start, *uncertain = axis.uncertain.data() + start, combined = 0;
-    for (std::size_t b = 0; b < frames.bits.size(); ++b)
-      if (frames.bits[b].base >= 0) combined |= 1u << b;
-    if (combined) take_off_base(combined, axis.base, width_, code, uncertain);
-    const float cell_px = static_cast<float>(axis.cell_px), half = 0.5f * (cell_px - 1);
-    const float last = static_cast<float>(axis.length_px) - 0.5f;
-    float* q = axis.q.row(y);
-    std::uint8_t* reason = axis.reason.row(y);
-    for (int x = 0; x < width_; ++x) {
-      const std::uint32_t doubt = uncertain[x];
-      const auto cell = static_cast<int>(binary_of(code[x])), other = static_cast<int>(binary_of(code[x] ^ doubt));
-      const bool said = ((doubt & (doubt - 1)) == 0) & (cell - other <= 1) & (other - cell <= 1);
-      const float at = 0.5f * static_cast<float>(cell + other) * cell_px + half;
-      const Reason why = !said ? Reason::kUncertainBit : at > last ? Reason::kInconsistent : Reason::kAccepted;
-      const int final = judged[x] ? judged[x] : static_cast<int>(why);
-      reason[x] = static_cast<std::uint8_t>(final);
-      q[x] = final ? kNaN : at;
+    if (!axis.bits) continue;
+    LaneBits code = codes[a], doubt = doubts[a];
+    if (combined_[a]) {  // exclusive or is taken off; where the base bit is in doubt, so are the bits shown with it
+      code ^= ((code >> axis.base) & 1) * combined_[a], doubt |= ((doubt >> axis.base) & 1) * combined_[a];
+      const std::size_t at = static_cast<std::size_t>(y) * width_ + x;
+      store(code, axis.code.data() + at, count), store(doubt, axis.uncertain.data() + at, count);
     }
+    const auto cell = std::bit_cast<LaneMask>(binary_of(code)),
+               other = std::bit_cast<LaneMask>(binary_of(code ^ doubt));
+    const LaneMask said =
+        std::bit_cast<LaneMask>((doubt & (doubt - 1)) == 0) & (cell - other <= 1) & (other - cell <= 1);
+    const auto cell_px = static_cast<float>(axis.cell_px);
+    const Lanes q = __builtin_convertvector(cell + other, Lanes) * (0.5f * cell_px) + 0.5f * (cell_px - 1);
+    const LaneMask beyond = q > static_cast<float>(axis.length_px) - 0.5f;
+    const LaneMask own =
+        said ? beyond & static_cast<int>(Reason::kInconsistent) : LaneMask{} + static_cast<int>(Reason::kUncertainBit);
+    const LaneMask final = why != 0 ? why : own;
+    store_bytes(final, axis.reason.row(y) + x, count);
+    store(final != 0 ? all(kNaN) : q, axis.q.row(y) + x, count);
   }
+}
+
+template <class T>
+void BitReading::read_band(const Pass& pass, int first_row, int last_row) {
+  std::vector<float> light(static_cast<std::size_t>(width_) * 2 * std::max<std::size_t>(1, pass.pairs.size()));
+  PairRows<T> rows;
+  rows.rows.resize(pass.pairs.size());
+  for (int y = first_row; y < last_row; ++y) {
+    if (pass.first) judge_row(pass.levels, y, light.data(), light.data() + width_);
+    for (std::size_t k = 0; k < pass.pairs.size(); ++k) {
+      const StoredPhoto &plain = *pass.pairs[k].plain, &inverse = *pass.pairs[k].inverse;
+      if constexpr (std::is_same_v<T, float>) {
+        float* to = light.data() + 2 * k * width_;
+        plain.light_row(y, to), inverse.light_row(y, to + width_);
+        rows.rows[k] = {to, to + width_, 1u << pass.pairs[k].bit};
+      } else {
+        rows.rows[k] = {plain.linear_row<T>(y), inverse.linear_row<T>(y), 1u << pass.pairs[k].bit};
+      }
+    }
+    read_row(pass, rows, y);
+  }
+}
+
+// A bit is certain where its difference exceeds min_modulation of white - black, and `limit` by min_snr sigma (which
+// takes no root when it is squared). A direct share d of the light makes +-d of a bit's difference, light by way of
+// other surfaces up to +-(1 - d): the limit of coarse bits is what the latter can do against the former, 1 - 2 d (Xu &
+// Aliaga 2007, robust pixel classification; their bounds for on and off, written for the difference). The strongest of
+// several modulations is a few percent more than d.
+template <class T>
+void BitReading::read_row(const Pass& pass, const PairRows<T>& rows, int y) {
+  const std::size_t start = static_cast<std::size_t>(y) * width_;
+  const auto modulation = static_cast<float>(options_.min_modulation);
+  // In stored values: gain^2 difference^2 > noise + photon (gain sum + 2 offset).
+  constexpr bool kWhole = !std::is_same_v<T, float>;
+  const float gain = kWhole ? pass.gain : 1, offset = kWhole ? pass.offset : 0;
+  const Lanes none{}, noise = all(pass.noise), photon = all(pass.photon), scale = all(gain), twice = all(2 * offset);
+  const auto* both = rows.rows.data();
+  constexpr int kCacheLine = 64 / sizeof(T);
+  const int ahead = kWhole ? width_ : 0;  // the next row
+  // Of each axis: how many of the pairs are fine, and where its pairs end.
+  std::array<std::array<std::size_t, 2>, 2> ends{};
+  for (std::size_t k = 0; k < pass.pairs.size(); ++k)
+    for (int a = 0; a < 2; ++a)
+      if (pass.pairs[k].axis <= a)
+        ends[a][1] = k + 1, ends[a][0] = pass.pairs[k].fine || pass.pairs[k].axis < a ? k + 1 : ends[a][0];
+  for_lanes(width_, [&](int x, auto count) {
+    if (x % kCacheLine == 0)  // more streams than processors foresee
+      for (std::size_t k = 0; k < rows.rows.size(); ++k)
+        __builtin_prefetch(both[k].plain + x + ahead), __builtin_prefetch(both[k].inverse + x + ahead);
+    const auto contrast = load<Lanes>(contrast_.row(y) + x, count);
+    const Lanes least = modulation * contrast;
+    std::array<LaneBits, 2> codes{}, doubts{};
+    Lanes direct{};
+    std::size_t k = 0;
+    for (int a = 0; a < 2; ++a) {
+      if (!axes_[a].bits) continue;
+      LaneBits code{}, doubt{};
+      Lanes fine{};
+      if (!pass.first) {
+        fine = load<Lanes>(fine_[a].data() + start + x, count);
+        code = load<LaneBits>(axes_[a].code.data() + start + x, count);
+        doubt = load<LaneBits>(axes_[a].uncertain.data() + start + x, count);
+      }
+      const auto read = [&](Lanes limit) __attribute__((always_inline)) {
+        const auto plain = stored(both[k].plain + x, count), inverse = stored(both[k].inverse + x, count);
+        const Lanes difference = light(plain - inverse) * scale, sum = light(plain + inverse) * scale + twice;
+        const Lanes size = absolute(difference), left = larger(size - limit, none);
+        const LaneMask certain = (left * left > noise + photon * larger(sum, none)) & (size > least);
+        code |= std::bit_cast<LaneBits>(difference > 0) & both[k].bit;
+        doubt |= ~std::bit_cast<LaneBits>(certain) & both[k].bit;
+        return size;
+      };
+      for (; k < ends[a][0]; ++k) fine = larger(fine, read(none));
+      direct = larger(direct, fine);
+      const Lanes limit = larger(contrast - 1.8f * direct, none);
+      for (; k < ends[a][1]; ++k) read(limit);
+      if (!pass.last) store(fine, fine_[a].data() + start + x, count);
+      store(code, axes_[a].code.data() + start + x, count);
+      store(doubt, axes_[a].uncertain.data() + start + x, count);
+      codes[a] = code, doubts[a] = doubt;
+    }
+    if (pass.last) finish(y, x, count, codes, doubts, direct, contrast);
+  });
 }
 
 }  // namespace countershade::capture

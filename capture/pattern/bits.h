@@ -5,6 +5,7 @@
 #include <optional>
 #include <vector>
 
+#include "calib/base/lanes.h"
 #include "capture/pattern/levels.h"
 #include "capture/pattern/refine.h"
 
@@ -26,6 +27,7 @@ class BitReading {
   const Levels& levels() const { return *levels_; }
   Mask& judged() { return judged_; }
   AxisReading& axis(int a) { return axes_[a]; }
+  Image& contrast() { return contrast_; }  // white - black, which the axes lack
 
  private:
   struct Pair {
@@ -33,13 +35,20 @@ class BitReading {
     bool fine = false;  // stripes too narrow to modulate light that comes by way of other surfaces
     std::shared_ptr<const StoredPhoto> plain, inverse;
   };
-  struct Rows;
+  struct Pass;
+  template <class T>
+  struct PairRows;
   bool is_fine(int axis, int bit) const;
   std::vector<Pair> ready(const StoredPhotos& photos) const;
   void begin(const LevelPhotos& photos);
-  void judge_row(const LevelPhotos& photos, int y, Rows& rows);
-  void read_row(const std::vector<Pair>& pairs, int y, Rows& rows);
-  void finish_row(int y);
+  void judge_row(const LevelPhotos& photos, int y, float* white, float* black);
+  template <class T>
+  void read_band(const Pass& pass, int first_row, int last_row);
+  template <class T>
+  void read_row(const Pass& pass, const PairRows<T>& rows, int y);
+  template <class Count>
+  void finish(int y, int x, Count count, const std::array<LaneBits, 2>& code, const std::array<LaneBits, 2>& uncertain,
+              Lanes fine, Lanes contrast);
 
   const CodePlan& plan_;
   const DecodeOptions& options_;
@@ -47,8 +56,9 @@ class BitReading {
   std::array<std::vector<bool>, 2> read_;  // bits of an axis
   int width_ = 0, height_ = 0;
   Mask judged_;
-  Image contrast_;                          // white - black
-  std::array<std::vector<float>, 2> fine_;  // largest difference that a fine bit and its inverse have shown so far
+  Image contrast_;                               // white - black
+  std::array<std::uint32_t, 2> combined_{0, 0};  // bits that were shown in exclusive or with another
+  std::array<std::vector<float>, 2> fine_;       // largest difference that a fine bit and its inverse have shown so far
   std::array<AxisReading, 2> axes_;
   bool done_ = false;
 };

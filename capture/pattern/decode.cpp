@@ -112,7 +112,9 @@ void Decoder::State::take_bits() {
   for (int a = 0; a < 2; ++a) {
     if (plan.axis[a].bits.empty()) continue;
     readings[a] = std::move(bits->axis(a));
+    readings[a].contrast = std::move(bits->contrast());
     refine_by_neighbours(readings[a]);
+    bits->contrast() = std::move(readings[a].contrast);
   }
 }
 

@@ -9,6 +9,7 @@
 #include <memory>
 #include <optional>
 
+#include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
 #include "capture/pattern/pattern.h"
 
@@ -17,48 +18,13 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kRadius = 3, kSide = 2 * kRadius + 1;
-constexpr int kFewest = 10;    // readings in a window that can support anything
-constexpr int kLanes = 8;      // pixels of a row that are looked at together
-constexpr int kBandRows = 16;  // one task
+constexpr int kFewest = 10;     // readings in a window that can support anything
+constexpr float kReach = 1.6f;  // cells: neighbours may round to either side, and borders read half a cell
+constexpr int kBandRows = 16;   // one task
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Eight floats at once, of eight neighbouring pixels, or of seven neighbours of one; comparisons give masks of all bits
-// (GCC and Clang).
-using Row = float __attribute__((vector_size(4 * kLanes)));
-using RowMask = std::int32_t __attribute__((vector_size(4 * kLanes)));
-constexpr Row kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
-
-Row masked(RowMask mask, Row values) {
-  return std::bit_cast<Row>(mask & std::bit_cast<RowMask>(values));
-}
-Row all(float v) {
-  return Row{} + v;
-}
-Row load(const float* from) {
-  Row row;
-  std::memcpy(&row, from, sizeof row);
-  return row;
-}
-Row absolute(Row r) {
-  return masked(RowMask{} + 0x7fffffff, r);
-}
-Row larger(Row a, Row b) {
-  return a > b ? a : b;
-}
-Row root(Row r) {
-  for (int i = 0; i < kLanes; ++i) r[i] = std::sqrt(r[i]);
-  return r;
-}
-bool any(RowMask mask) {
-  std::int64_t parts[kLanes / 2];
-  std::memcpy(parts, &mask, sizeof mask);
-  return (parts[0] | parts[1] | parts[2] | parts[3]) != 0;
-}
-int count_of(RowMask mask) {
-  int count = 0;
-  for (int i = 0; i < kLanes; ++i) count -= mask[i];
-  return count;
-}
+// Eight neighbouring pixels are looked at together, or the seven columns of a window.
+constexpr Lanes kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
 
 // The readings of one axis, NaN where there is none, with a border of missing ones: windows end nowhere.
 class Field {
@@ -92,16 +58,16 @@ class Field {
 
 // The readings of one window, NaN where there is none.
 struct Window {
-  std::array<Row, kSide> rows;  // the last lane is never a reading
+  std::array<Lanes, kSide> rows;  // the last lane is never a reading
   int count = 0;
   float value(int line, int column) const { return rows[line][column]; }
 };
 
 Window window_at(const Field& q, int x, int y) {
   Window w;
-  RowMask finite{};
+  LaneMask finite{};
   for (int line = 0; line < kSide; ++line) {
-    Row row = load(q.at(x - kRadius, y + line - kRadius));
+    Lanes row = load<Lanes>(q.at(x - kRadius, y + line - kRadius));
     row[kSide] = kNaN;
     w.rows[line] = row;
     finite += row == row;  // -1 each
@@ -134,13 +100,24 @@ std::optional<float> slope(const Window& w, bool along_rows) {
 }
 
 // Median of seven, lane by lane.
-Row median_of_seven(std::array<Row, kSide> v) {
+Lanes median_of_seven(std::array<Lanes, kSide> v) {
   const auto sort = [&](int i, int j) {
-    const Row low = v[i] < v[j] ? v[i] : v[j];
+    const Lanes low = v[i] < v[j] ? v[i] : v[j];
     v[j] = v[i] < v[j] ? v[j] : v[i], v[i] = low;
   };
-  for (const auto& [i, j] : {std::pair(0, 5), {0, 3}, {1, 6}, {2, 4}, {0, 1}, {3, 5}, {2, 6}, {2, 3}, {3, 6}, {4, 5},
-                             {1, 4}, {1, 3}, {3, 4}})
+  for (const auto& [i, j] : {std::pair(0, 5),
+                             {0, 3},
+                             {1, 6},
+                             {2, 4},
+                             {0, 1},
+                             {3, 5},
+                             {2, 6},
+                             {2, 3},
+                             {3, 6},
+                             {4, 5},
+                             {1, 4},
+                             {1, 3},
+                             {3, 4}})
     sort(i, j);
   return v[3];
 }
@@ -174,7 +151,7 @@ struct Slopes {
  private:
   // Eight blocks; where nothing is missing, the median of seven slopes across the whole window is all that is asked.
   void measure(const Field& q, int bx, int by) {
-    std::array<Row, kSide> across{}, down{};
+    std::array<Lanes, kSide> across{}, down{};
     for (int lane = 0; lane < kLanes; ++lane) {
       const int px = (bx + lane) * kBlock + kBlock / 2, py = by * kBlock + kBlock / 2;
       if (px - kBlock / 2 > q.width() || py - kBlock / 2 > q.height()) break;
@@ -186,15 +163,15 @@ struct Slopes {
         if (const auto gy = slope(w, false)) y.at(bx + lane, by) = *gy;
         across[0][lane] = kNaN;
       }
-      const Row drop = w.rows[kSide - 1] - w.rows[0];
+      const Lanes drop = w.rows[kSide - 1] - w.rows[0];
       for (int i = 0; i < kSide; ++i) {
         if (w.count == kSide * kSide) across[i][lane] = w.rows[i][kSide - 1] - w.rows[i][0];
         down[i][lane] = drop[i];
       }
     }
-    const RowMask whole = across[0] == across[0];
-    const Row gx = median_of_seven(across) / static_cast<float>(kSide - 1),
-              gy = median_of_seven(down) / static_cast<float>(kSide - 1);
+    const LaneMask whole = across[0] == across[0];
+    const Lanes gx = median_of_seven(across) / static_cast<float>(kSide - 1),
+                gy = median_of_seven(down) / static_cast<float>(kSide - 1);
     for (int lane = 0; lane < kLanes; ++lane)
       if (whole[lane]) x.at(bx + lane, by) = gx[lane], y.at(bx + lane, by) = gy[lane];
   }
@@ -213,24 +190,23 @@ float centre_of(const Window& w, float gx, float gy) {
 
 // Sums of the least-squares fit r = c + a dx + b dy, of eight pixels' windows.
 struct Sums {
-  Row n{}, x{}, y{}, xx{}, xy{}, yy{}, r{}, xr{}, yr{}, rr{};
-  Row edges{};  // readings that are a border between two cells
+  Lanes n{}, x{}, y{}, xx{}, xy{}, yy{}, r{}, xr{}, yr{}, rr{};
+  Lanes edges{};  // readings that are a border between two cells
 };
 
 // Planes through the readings that agree with a centre, at the centre.
 struct Planes {
-  Row value{}, sigma{};  // sigma 0: those that agree do not span a plane
-  Row agree{}, count{};  // of the readings of the window
+  Lanes value{}, sigma{};  // sigma 0: those that agree do not span a plane
+  Lanes agree{}, count{};  // of the readings of the window
 };
 
 // Where the eight windows are: at the first of eight neighbouring pixels, and that pixel in the first of seven rows of
-// flags that are 1 where a reading is a border; how many of them each window has.
+// flags that are 1 where a reading is a border.
 struct Place {
   const Field& q;
   int x, y;
   const std::uint8_t* flags;
   std::ptrdiff_t flags_stride;
-  Row edges;
 };
 
 // Readings are rounded to cells. A share e of them are borders, each of a zone up to 2 e cells wide (where every last
@@ -238,80 +214,86 @@ struct Place {
 // variance cell^2 ((1 - e)^3 + 4 e^3) / 12. What the residuals show of it averages out (slowly: errors repeat along
 // lines of equal code and swing only once or twice across a window, so that four pixels count as one); what they do not
 // show, by more than a quarter, has gone into the plane unseen.
-[[gnu::always_inline]] inline void solve(const Sums& s, Row centre, float cell, Planes& planes) {
+[[gnu::always_inline]] inline void solve(const Sums& s, Lanes centre, float cell, Planes& planes) {
   // Normal equations by Cramer's rule.
-  const Row cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
-  const Row determinant = s.n * cx + s.x * cy + s.y * cz;
-  const RowMask spans = (s.n >= 6) & (determinant > 1e-3f * s.n * s.xx * s.yy);
-  const Row scale = 1 / determinant;
-  const Row c = (s.r * cx + s.xr * cy + s.yr * cz) * scale;
-  const Row a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) * scale;
-  const Row b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) * scale;
-  const Row left = larger(s.rr - c * s.r - a * s.xr - b * s.yr, Row{}) * (1 / larger(s.n - 3, all(1)));
-  const Row e = s.edges * (1 / s.n), inner = 1 - e;
-  const Row rounding = cell * cell / 12 * (inner * inner * inner + 4 * e * e * e);
+  const Lanes cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
+  const Lanes determinant = s.n * cx + s.x * cy + s.y * cz;
+  const LaneMask spans = (s.n >= 6) & (determinant > 1e-3f * s.n * s.xx * s.yy);
+  const Lanes scale = 1 / determinant;
+  const Lanes c = (s.r * cx + s.xr * cy + s.yr * cz) * scale;
+  const Lanes a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) * scale;
+  const Lanes b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) * scale;
+  const Lanes left = larger(s.rr - c * s.r - a * s.xr - b * s.yr, Lanes{}) * (1 / larger(s.n - 3, all(1)));
+  const Lanes e = s.edges * (1 / s.n), inner = 1 - e;
+  const Lanes rounding = cell * cell / 12 * (inner * inner * inner + 4 * e * e * e);
   planes.agree = s.n;
   planes.value = centre + c;
   planes.sigma = masked(spans, root(4 * left * (cx * scale) + larger(rounding - 1.25f * left, all(4e-4f))));
 }
 
-// Where all readings of all windows agree the sums of positions are known; false where they do not.
-[[gnu::always_inline]] inline bool fit_whole(const Place& p, RowMask wanted, Row centre, Row gx, Row gy, float cell,
-                                             Planes& planes) {
-  const Row reach = all(1.6f * cell);
-  RowMask agree = RowMask{} - 1;
-  Row r{}, xr{}, yr{}, rr{};
-  for (int line = -kRadius; line <= kRadius; ++line) {
-    const auto dy = static_cast<float>(line);
-    const float* row = p.q.at(p.x, p.y + line);
-    const Row across = centre + dy * gy;
-    Row sum{};
+// Sums over one line of the windows of eight pixels, of readings less a plane that is common to four rows of them.
+struct LineSums {
+  Lanes sum{}, xsum{}, squares{}, highest, lowest;
+  [[gnu::always_inline]] LineSums(const float* line, Lanes plane, Lanes gx) {
+    highest = all(-HUGE_VALF), lowest = all(HUGE_VALF);
 #pragma GCC unroll 7
     for (int column = -kRadius; column <= kRadius; ++column) {
       const auto dx = static_cast<float>(column);
-      const Row off = load(row + column) - (across + dx * gx);
-      agree &= absolute(off) <= reach;  // NaN never agrees
-      sum += off, xr += dx * off, rr += off * off;
+      const Lanes off = load<Lanes>(line + column) - (plane + dx * gx);
+      sum += off, xsum += dx * off, squares += off * off;
+      highest = larger(highest, off), lowest = smaller(lowest, off);
     }
-    r += sum, yr += dy * sum;
   }
-  if (any(wanted & ~agree)) return false;
+  LineSums() = default;
+};
+
+// Where all readings of a window agree, all sums are those of its seven lines, and those of positions are known.
+// centre: less the common plane. Gives the lanes of which that is true; `planes` is right in those.
+[[gnu::always_inline]] inline LaneMask fit_whole(const LineSums* lines, Lanes centre, Lanes edges, float cell,
+                                                 Planes& planes) {
   Sums s;
-  s.n = all(kSide * kSide), s.xx = s.yy = all(kSide * kSide * (kRadius * (kRadius + 1) / 3.0f));
-  s.r = r, s.xr = xr, s.yr = yr, s.rr = rr, s.edges = p.edges;
+  Lanes sum{}, highest = lines[0].highest, lowest = lines[0].lowest;
+  for (int line = 0; line < kSide; ++line) {
+    sum += lines[line].sum, s.xr += lines[line].xsum, s.rr += lines[line].squares;
+    s.yr += static_cast<float>(line - kRadius) * lines[line].sum;
+    highest = larger(highest, lines[line].highest), lowest = smaller(lowest, lines[line].lowest);
+  }
+  constexpr auto kCount = static_cast<float>(kSide * kSide);
+  const Lanes reach = all(kReach * cell);
+  const LaneMask whole = (highest - centre <= reach) & (lowest - centre >= -reach) & (s.rr == s.rr);  // NaN: not all
+  s.r = sum - kCount * centre, s.rr += centre * (kCount * centre - 2 * sum);
+  s.n = all(kCount), s.xx = s.yy = all(kCount * kRadius * (kRadius + 1) / 3.0f), s.edges = edges;
   solve(s, centre, cell, planes);
   planes.count = s.n;
-  return true;
+  return whole;
 }
 
-Planes fit_agreeing(const Place& p, Row centre, Row gx, Row gy, float cell) {
-  const Row reach = all(1.6f * cell);  // neighbours may round to either side, and borders read half a cell
+Planes fit_agreeing(const Place& p, Lanes centre, Lanes gx, Lanes gy, float cell) {
+  const Lanes reach = all(kReach * cell);
   Sums s;
-  RowMask count{}, edges{};
+  LaneMask count{}, edges{};
   for (int line = -kRadius; line <= kRadius; ++line) {
     const auto dy = static_cast<float>(line);
     const float* row = p.q.at(p.x, p.y + line);
     const std::uint8_t* flags = p.flags + (line + kRadius) * p.flags_stride;
-    const Row across = centre + dy * gy;
-    Row n{}, x{}, xx{}, r{};
+    const Lanes across = centre + dy * gy;
+    Lanes n{}, x{}, xx{}, r{};
     for (int column = -kRadius; column <= kRadius; ++column) {
       const auto dx = static_cast<float>(column);
-      const Row value = load(row + column), off = value - (across + dx * gx);
-      const RowMask agrees = absolute(off) <= reach;
-      const Row one = masked(agrees, all(1)), residual = masked(agrees, off);
-      std::uint8_t flag __attribute__((vector_size(kLanes)));
-      std::memcpy(&flag, flags + column, sizeof flag);
-      count -= value == value, edges += agrees & __builtin_convertvector(flag, RowMask);
+      const Lanes value = load<Lanes>(row + column), off = value - (across + dx * gx);
+      const LaneMask agrees = absolute(off) <= reach;
+      const Lanes one = masked(agrees, all(1)), residual = masked(agrees, off);
+      count -= value == value, edges += agrees & load_bytes(flags + column);
       n += one, x += dx * one, xx += dx * dx * one;
       r += residual, s.xr += dx * residual, s.rr += residual * residual;
     }
     s.n += n, s.x += x, s.xx += xx, s.y += dy * n, s.xy += dy * x, s.yy += dy * dy * n;
     s.r += r, s.yr += dy * r;
   }
-  s.edges = __builtin_convertvector(edges, Row);
+  s.edges = __builtin_convertvector(edges, Lanes);
   Planes planes;
   solve(s, centre, cell, planes);
-  planes.count = __builtin_convertvector(count, Row);
+  planes.count = __builtin_convertvector(count, Lanes);
   return planes;
 }
 
@@ -381,11 +363,9 @@ class Refiner {
       Band b(q_.width());
       const int first = band * kBandRows, last = std::min(q_.height(), first + kBandRows);
       for (int y = first - kRadius; y < last + kRadius; ++y) flag_edges(b, y - first + kRadius, y);
-      for (int y = first; y < last; ++y) {
-        count_edges(b, y - first);
-        find_brightest(b, y);
-        for (int x = 0; x < q_.width(); x += kLanes) refine(b, x, y, y - first);
-      }
+      for (int line = 0; line < last - first; ++line) count_edges(b, line), find_brightest(b, line, first + line);
+      for (int y = first; y < last; y += kBlock)
+        for_lanes(q_.width(), [&](int x, auto count) { refine_block(b, x, y, y - first, count); });
     });
   }
 
@@ -396,51 +376,65 @@ class Refiner {
     std::vector<std::uint8_t> flags, edges, columns;  // a reading is a border; how many there are in a window, a column
     std::vector<float> brightest, highest;            // contrast within two pixels; within two rows
     explicit Band(int width)
-        : stride(width + 4 * kLanes),
+        : stride((width + kLanes - 1) / kLanes * kLanes + 2 * kLanes),
           flags(static_cast<std::size_t>(stride) * (kBandRows + 2 * kRadius)),
-          edges(stride),
+          edges(static_cast<std::size_t>(stride) * kBandRows),
           columns(stride),
-          brightest(stride),
+          brightest(static_cast<std::size_t>(stride) * kBandRows),
           highest(stride) {}
+    template <class T>
+    auto* at(T& rows, int x, int line) const {
+      return rows.data() + static_cast<std::ptrdiff_t>(stride) * line + kLanes + x;
+    }
   };
   // Eight pixels: what is known of them before their windows are looked at.
-  struct Lanes {
-    RowMask read{}, doubtful{};
-    Row centre{}, gx{}, gy{};
+  struct Eight {
+    LaneMask read{}, doubtful{};
+    Lanes centre{}, gx{}, gy{}, block_gx{}, block_gy{};  // slopes of its own where its block has none
   };
 
   void flag_edges(Band& band, int line, int y) const {
     const float half = 0.5f * (cell_ - 1), per_cell = 1 / cell_;
-    const float* q = q_.at(0, y);
-    std::uint8_t* flags = band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line + kLanes;
-    for (int x = 0; x < q_.width(); ++x) {  // coordinates are beyond -1: truncation rounds
-      const float in_cells = (q[x] - half) * per_cell;
-      flags[x] = std::abs(in_cells - static_cast<float>(static_cast<int>(in_cells + 0.5f))) > 0.25f;
+    for (int x = 0; x < q_.width(); x += kLanes) {  // coordinates are beyond -1: truncation rounds
+      const Lanes in_cells = (load<Lanes>(q_.at(x, y)) - half) * per_cell;
+      const Lanes cells = __builtin_convertvector(__builtin_convertvector(in_cells + 0.5f, LaneMask), Lanes);
+      store_bytes((absolute(in_cells - cells) > 0.25f) & 1, band.at(band.flags, x, line));
     }
   }
   void count_edges(Band& band, int line) const {
-    const std::uint8_t* flags = band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line;
-    std::uint8_t *columns = band.columns.data(), *edges = band.edges.data();
-    std::copy(flags, flags + band.stride, columns);
-    for (int i = 1; i < kSide; ++i)
-      for (int x = 0; x < band.stride; ++x) columns[x] += flags[i * band.stride + x];
-    std::copy(columns + kLanes - kRadius, columns + band.stride - kLanes - kRadius, edges + kLanes);
-    for (int i = 1; i < kSide; ++i)
-      for (int x = kLanes; x < band.stride - kLanes; ++x) edges[x] += columns[x + i - kRadius];
+    const std::uint8_t* flags = band.at(band.flags, -kLanes, line);
+    std::uint8_t *columns = band.columns.data(), *edges = band.at(band.edges, 0, line);
+    const int stride = band.stride, width = stride - 2 * kLanes;
+    for (int x = 0; x < stride; ++x)
+      columns[x] =
+          static_cast<std::uint8_t>(flags[x] + flags[x + stride] + flags[x + 2 * stride] + flags[x + 3 * stride] +
+                                    flags[x + 4 * stride] + flags[x + 5 * stride] + flags[x + 6 * stride]);
+    const std::uint8_t* c = columns + kLanes - kRadius;
+    for (int x = 0; x < width; ++x)
+      edges[x] = static_cast<std::uint8_t>(c[x] + c[x + 1] + c[x + 2] + c[x + 3] + c[x + 4] + c[x + 5] + c[x + 6]);
   }
-  void find_brightest(Band& band, int y) const {
+  void find_brightest(Band& band, int line, int y) const {
     const Image& contrast = reading_.contrast;
-    float *highest = band.highest.data() + kLanes, *brightest = band.brightest.data() + kLanes;
-    std::fill(highest, highest + q_.width(), 0.0f);
-    for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
-      for (int x = 0; x < q_.width(); ++x) highest[x] = std::max(highest[x], contrast.row(ny)[x]);
-    for (int x = 0; x < q_.width(); ++x)
-      brightest[x] = std::max(std::max(std::max(highest[x - 2], highest[x - 1]), std::max(highest[x + 1], highest[x + 2])),
-                              highest[x]);
+    float *highest = band.at(band.highest, 0, 0), *brightest = band.at(band.brightest, 0, line);
+    for_lanes(q_.width(), [&](int x, auto count) {
+      Lanes most{};
+      for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
+        most = larger(load<Lanes>(contrast.row(ny) + x, count), most);
+      store(most, highest + x);
+    });
+    for (int x = 0; x < q_.width(); x += kLanes) {
+      Lanes most = load<Lanes>(highest + x);
+      for (const int dx : {-2, -1, 1, 2}) most = larger(load<Lanes>(highest + x + dx), most);
+      store(most, brightest + x);
+    }
   }
 
-  void refine(const Band& band, int x, int y, int line);
-  Lanes look(int x, int y, int count) const;
+  template <class Count>
+  void refine_block(Band& band, int x, int y, int line, Count count);
+  template <class Count>
+  void judge(const Eight& lanes, const Planes& planes, const float* brightest, int x, int y, Count count);
+  template <class Count>
+  Eight look(int x, int y, Count count) const;
 
   AxisReading& reading_;
   Field q_;
@@ -450,21 +444,23 @@ class Refiner {
 
 // Which of eight pixels are read or in doubt, their slopes, and where their windows are centred. What has no support is
 // left out of both.
-Refiner::Lanes Refiner::look(int x, int y, int count) const {
-  Lanes lanes;
+template <class Count>
+Refiner::Eight Refiner::look(int x, int y, Count count) const {
+  Eight lanes;
   const std::size_t start = static_cast<std::size_t>(y) * q_.width() + x;
-  lanes.centre = load(q_.at(x, y));
+  lanes.centre = load<Lanes>(q_.at(x, y));
   const int bx = x / kBlock, by = y / kBlock;
   const float *gx = &slopes_.x.row(by)[bx], *gy = &slopes_.y.row(by)[bx];
-  lanes.gx = Row{gx[0], gx[0], gx[0], gx[0], gx[1], gx[1], gx[1], gx[1]};
-  lanes.gy = Row{gy[0], gy[0], gy[0], gy[0], gy[1], gy[1], gy[1], gy[1]};
+  lanes.gx = Lanes{gx[0], gx[0], gx[0], gx[0], gx[1], gx[1], gx[1], gx[1]};
+  lanes.gy = Lanes{gy[0], gy[0], gy[0], gy[0], gy[1], gy[1], gy[1], gy[1]};
+  lanes.block_gx = lanes.gx, lanes.block_gy = lanes.gy;
   const std::uint8_t* reason = reading_.reason.data().data() + start;
   static_assert(kLanes == 8 && kBlock == 4 && static_cast<int>(Reason::kAccepted) == 0);
   std::uint64_t reasons = 0;
   if (count == kLanes) std::memcpy(&reasons, reason, sizeof reasons);
   const bool smooth = !any(~((lanes.gx == lanes.gx) & (lanes.gy == lanes.gy)));
   if (count == kLanes && reasons == 0 && smooth) {
-    lanes.read = RowMask{} - 1;
+    lanes.read = LaneMask{} - 1;
     return lanes;
   }
   for (int i = 0; i < count; ++i) {
@@ -485,48 +481,66 @@ Refiner::Lanes Refiner::look(int x, int y, int count) const {
   return lanes;
 }
 
-void Refiner::refine(const Band& band, int x, int y, int line) {
-  const int count = std::min(kLanes, q_.width() - x);
-  const Lanes lanes = look(x, y, count);
-  const RowMask wanted = lanes.read | lanes.doubtful;
-  float* q = reading_.q.row(y) + x;
-  float* sigma = reading_.sigma.row(y) + x;
+// Two blocks of four rows: their windows share lines and slopes.
+template <class Count>
+void Refiner::refine_block(Band& band, int x, int y, int line, Count count) {
+  const int rows = std::min(kBlock, q_.height() - y);
+  std::array<Eight, kBlock> eights;
+  Lanes plane = all(kNaN);
+  LaneMask wanted{};
+  for (int row = 0; row < rows; ++row) {
+    eights[row] = look(x, y + row, count);
+    const LaneMask these = eights[row].read | eights[row].doubtful;
+    plane = plane == plane ? plane : eights[row].centre, wanted |= these;
+  }
+  const Lanes gx = eights[0].block_gx, gy = eights[0].block_gy;
+  std::array<LineSums, kBlock + 2 * kRadius> lines;
+  if (any(wanted))
+    for (int i = 0; i < rows + 2 * kRadius; ++i)
+      lines[i] = LineSums(q_.at(x, y + i - kRadius), plane + static_cast<float>(i - kRadius) * gy, gx);
+  for (int row = 0; row < rows; ++row) {
+    const Eight& lanes = eights[row];
+    const LaneMask these = lanes.read | lanes.doubtful;
+    Planes planes;
+    if (any(these)) {
+      const Lanes edges = __builtin_convertvector(load_bytes(band.at(band.edges, x, line + row)), Lanes);
+      const Lanes above = plane + static_cast<float>(row) * gy;
+      const LaneMask whole = fit_whole(&lines[row], lanes.centre - above, edges, cell_, planes);
+      planes.value += above;
+      if (any(these & ~whole))
+        planes = fit_agreeing({q_, x, y + row, band.at(band.flags, x, line + row), band.stride}, lanes.centre, lanes.gx,
+                              lanes.gy, cell_);
+    }
+    judge(lanes, planes, band.at(band.brightest, x, line + row), x, y + row, count);
+  }
+}
+
+template <class Count>
+void Refiner::judge(const Eight& lanes, const Planes& planes, const float* brightest, int x, int y, Count count) {
   std::uint8_t* reason = reading_.reason.row(y) + x;
-  Planes planes;
-  if (any(wanted)) {
-    const auto edges = [&] {
-      std::uint8_t counts __attribute__((vector_size(kLanes)));
-      std::memcpy(&counts, band.edges.data() + kLanes + x, sizeof counts);
-      return __builtin_convertvector(counts, Row);
-    };
-    const Place place{q_, x, y, band.flags.data() + static_cast<std::ptrdiff_t>(band.stride) * line + kLanes + x,
-                      band.stride, edges()};
-    if (!fit_whole(place, wanted, lanes.centre, lanes.gx, lanes.gy, cell_, planes))
-      planes = fit_agreeing(place, lanes.centre, lanes.gx, lanes.gy, cell_);
-  }
-  const RowMask supported = (planes.agree >= 6) & (planes.agree >= 0.3f * planes.count) & (planes.count >= kFewest);
-  const RowMask spans = planes.sigma > 0;
+  const LaneMask supported = (planes.agree >= 6) & (planes.agree >= 0.3f * planes.count) & (planes.count >= kFewest);
+  const LaneMask spans = planes.sigma > 0;
   // A line of pixels supports it but spans no plane: the reading stays.
-  Row value = spans ? planes.value : lanes.centre, error = spans ? planes.sigma : all(0.29f * cell_);
-  Row here{};
-  std::memcpy(&here, reading_.contrast.row(y) + x, count * sizeof(float));
-  const Row pull = 0.8f * larger(1 - 1.1f * here / load(band.brightest.data() + kLanes + x), Row{});
+  Lanes value = spans ? planes.value : lanes.centre, error = spans ? planes.sigma : all(0.29f * cell_);
+  const auto here = load<Lanes>(reading_.contrast.row(y) + x, count);
+  const Lanes pull = 0.8f * larger(1 - 1.1f * here / load<Lanes>(brightest), Lanes{});
   error = root(error * error + pull * pull * (lanes.gx * lanes.gx + lanes.gy * lanes.gy));
-  RowMask accepted = lanes.read & supported;
-  const RowMask candidates = lanes.doubtful & supported & spans & (planes.agree >= 0.7f * planes.count);
-  for (int i = 0; i < count; ++i) {
-    const std::size_t at = static_cast<std::size_t>(y) * q_.width() + x + i;
-    const auto why = static_cast<Reason>(reason[i]);
-    if (why == Reason::kUncertainBit && candidates[i] && completes(value[i], at, reading_)) accepted[i] = -1;
-    if (accepted[i])
-      reason[i] = static_cast<std::uint8_t>(Reason::kAccepted);
-    else if (why == Reason::kAccepted)
-      reason[i] = static_cast<std::uint8_t>(lanes.read[i] && planes.count[i] >= kFewest ? Reason::kInconsistent
-                                                                                        : Reason::kIsolated);
+  LaneMask accepted = lanes.read & supported;
+  if (any(~accepted)) {
+    const LaneMask candidates = lanes.doubtful & supported & spans & (planes.agree >= 0.7f * planes.count);
+    for (int i = 0; i < count; ++i) {
+      const std::size_t at = static_cast<std::size_t>(y) * q_.width() + x + i;
+      const auto why = static_cast<Reason>(reason[i]);
+      if (candidates[i] && completes(value[i], at, reading_)) accepted[i] = -1;
+      if (accepted[i])
+        reason[i] = static_cast<std::uint8_t>(Reason::kAccepted);
+      else if (why == Reason::kAccepted)
+        reason[i] = static_cast<std::uint8_t>(lanes.read[i] && planes.count[i] >= kFewest ? Reason::kInconsistent
+                                                                                          : Reason::kIsolated);
+    }
   }
-  value = accepted ? value : all(kNaN), error = accepted ? error : all(kNaN);
-  std::memcpy(q, &value, count * sizeof(float));
-  std::memcpy(sigma, &error, count * sizeof(float));
+  store(accepted ? value : all(kNaN), reading_.q.row(y) + x, count);
+  store(accepted ? error : all(kNaN), reading_.sigma.row(y) + x, count);
 }
 
 }  // namespace
@@ -539,10 +553,10 @@ namespace {
 
 // How many of a window's readings agree with one at its centre.
 int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
-  const Row across = all(centre) + gx * kColumn;
-  RowMask agree{};
+  const Lanes across = all(centre) + gx * kColumn;
+  LaneMask agree{};
   for (int line = 0; line < kSide; ++line) {
-    const Row off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
+    const Lanes off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
     agree += (off <= reach) & (off >= -reach);  // -1 each
   }
   return count_of(agree);
