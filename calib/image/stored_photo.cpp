@@ -61,8 +61,11 @@ void StoredPhoto::mark_saturated(int y, std::uint8_t* flags) const {
       if (scale_.saturated_from > std::numeric_limits<T>::max()) return;
       const auto limit = static_cast<T>(std::max(0.0, std::ceil(scale_.saturated_from)));
       const int channels = values.channels();
-      for (int c = 0; c < channels; ++c)
-        for (int x = 0; x < values.width(); ++x) flags[x] |= static_cast<std::uint8_t>(row[x * channels + c] >= limit);
+      if (channels == 1)
+        for (int x = 0; x < values.width(); ++x) flags[x] |= static_cast<std::uint8_t>(row[x] >= limit);
+      else
+        for (int i = 0; i < values.width() * channels; ++i)
+          flags[i / channels] |= static_cast<std::uint8_t>(row[i] >= limit);
     }
   };
   std::visit(mark, values_);

@@ -103,6 +103,8 @@ void BitReading::read(StoredPhotos& photos, bool all) {
   if (pairs.empty() || (!all && pairs.size() < left && bytes < kWaiting * pixels)) return;
   const bool first = !levels_, last = pairs.size() == left;
   if (first) begin(level_photos);
+  for (int a = 0; a < 2; ++a)
+    if (axes_[a].bits && !last) fine_[a].resize(judged_.pixels());
   const double snr = options_.min_snr * options_.min_snr, read = levels_->noise.read;
   const Pass pass{level_photos,
                   pairs,
@@ -156,7 +158,6 @@ void BitReading::begin(const LevelPhotos& photos) {
     axis.q = Image(width_, height_, 1), axis.sigma = Image(width_, height_, 1);
     axis.reason = Mask(width_, height_, 1);
     axis.code.resize(axis.q.pixels()), axis.uncertain.resize(axis.q.pixels());
-    fine_[a].resize(axis.q.pixels());
   });
 }
 
@@ -215,22 +216,27 @@ template <class Count>
   }
 }
 
+// Rows are brought together first: photos lie whole pages apart, where caches keep few lines.
 template <class T>
 void BitReading::read_band(const Pass& pass, int first_row, int last_row) {
-  std::vector<float> light(static_cast<std::size_t>(width_) * 2 * std::max<std::size_t>(1, pass.pairs.size()));
+  std::vector<T> values(static_cast<std::size_t>(width_) * 2 * pass.pairs.size());
+  std::vector<float> levels(static_cast<std::size_t>(width_) * 2);
   PairRows<T> rows;
-  rows.rows.resize(pass.pairs.size());
+  for (std::size_t k = 0; k < pass.pairs.size(); ++k) {
+    T* to = values.data() + 2 * k * width_;
+    rows.rows.push_back({to, to + width_, 1u << pass.pairs[k].bit});
+  }
+  const auto bring = [&](const StoredPhoto& photo, int y, T* to) {
+    if constexpr (std::is_same_v<T, float>)
+      photo.light_row(y, to);
+    else
+      std::copy_n(photo.linear_row<T>(y), width_, to);
+  };
   for (int y = first_row; y < last_row; ++y) {
-    if (pass.first) judge_row(pass.levels, y, light.data(), light.data() + width_);
+    if (pass.first) judge_row(pass.levels, y, levels.data(), levels.data() + width_);
     for (std::size_t k = 0; k < pass.pairs.size(); ++k) {
-      const StoredPhoto &plain = *pass.pairs[k].plain, &inverse = *pass.pairs[k].inverse;
-      if constexpr (std::is_same_v<T, float>) {
-        float* to = light.data() + 2 * k * width_;
-        plain.light_row(y, to), inverse.light_row(y, to + width_);
-        rows.rows[k] = {to, to + width_, 1u << pass.pairs[k].bit};
-      } else {
-        rows.rows[k] = {plain.linear_row<T>(y), inverse.linear_row<T>(y), 1u << pass.pairs[k].bit};
-      }
+      bring(*pass.pairs[k].plain, y, values.data() + 2 * k * width_);
+      bring(*pass.pairs[k].inverse, y, values.data() + (2 * k + 1) * width_);
     }
     read_row(pass, rows, y);
   }
@@ -250,8 +256,6 @@ void BitReading::read_row(const Pass& pass, const PairRows<T>& rows, int y) {
   const float gain = kWhole ? pass.gain : 1, offset = kWhole ? pass.offset : 0;
   const Lanes none{}, noise = all(pass.noise), photon = all(pass.photon), scale = all(gain), twice = all(2 * offset);
   const auto* both = rows.rows.data();
-  constexpr int kCacheLine = 64 / sizeof(T);
-  const int ahead = kWhole ? width_ : 0;  // the next row
   // Of each axis: how many of the pairs are fine, and where its pairs end.
   std::array<std::array<std::size_t, 2>, 2> ends{};
   for (std::size_t k = 0; k < pass.pairs.size(); ++k)
@@ -259,9 +263,6 @@ void BitReading::read_row(const Pass& pass, const PairRows<T>& rows, int y) {
       if (pass.pairs[k].axis <= a)
         ends[a][1] = k + 1, ends[a][0] = pass.pairs[k].fine || pass.pairs[k].axis < a ? k + 1 : ends[a][0];
   for_lanes(width_, [&](int x, auto count) {
-    if (x % kCacheLine == 0)  // more streams than processors foresee
-      for (std::size_t k = 0; k < rows.rows.size(); ++k)
-        __builtin_prefetch(both[k].plain + x + ahead), __builtin_prefetch(both[k].inverse + x + ahead);
     const auto contrast = load<Lanes>(contrast_.row(y) + x, count);
     const Lanes least = modulation * contrast;
     std::array<LaneBits, 2> codes{}, doubts{};

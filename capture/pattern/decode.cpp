@@ -5,6 +5,7 @@
 #include <limits>
 #include <optional>
 
+#include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
 #include "capture/pattern/bits.h"
 #include "capture/pattern/levels.h"
@@ -18,30 +19,34 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+constexpr LaneMask kLane = {0, 1, 2, 3, 4, 5, 6, 7};
+
 // Joins the axes: a pixel is accepted when every axis with a code is.
 void join(const Mask& judged, AxisReading* axes[2], Correspondence& c) {
   c.reason = judged;
   const int width = judged.width(), height = judged.height();
-  for (int a = 0; a < 2; ++a)
-    (a ? c.y : c.x) = axes[a] ? std::move(axes[a]->q) : Image(width, height, 1, kNaN);
+  for (int a = 0; a < 2; ++a) (a ? c.y : c.x) = axes[a] ? std::move(axes[a]->q) : Image(width, height, 1, kNaN);
   c.sigma = std::move(axes[axes[0] ? 0 : 1]->sigma);
   const Image* other = axes[0] && axes[1] ? &axes[1]->sigma : nullptr;
   std::vector<std::array<std::size_t, 2>> counts(height);  // lit, accepted
   parallel_for(height, [&](int v) {
-    std::uint8_t* reason = c.reason.row(v);
-    for (int a = 0; a < 2; ++a)
-      if (axes[a])
-        for (int u = 0; u < width; ++u) reason[u] = reason[u] ? reason[u] : axes[a]->reason.row(v)[u];
-    float *x = c.x.row(v), *y = c.y.row(v), *sigma = c.sigma.row(v);
-    const float* second = other ? other->row(v) : sigma;
-    std::size_t lit = 0, accepted = 0;
-    for (int u = 0; u < width; ++u) {
-      const auto why = static_cast<Reason>(reason[u]);
-      lit += (why != Reason::kDark) & (why != Reason::kIndirect), accepted += why == Reason::kAccepted;
-      sigma[u] = std::max(sigma[u], second[u]);
-      if (why != Reason::kAccepted) x[u] = y[u] = sigma[u] = kNaN;
-    }
-    counts[v] = {lit, accepted};
+    LaneMask lit{}, accepted{};  // -1 each
+    for_lanes(width, [&](int u, auto count) {
+      LaneMask why = load_bytes(c.reason.row(v) + u, count);
+      for (int a = 0; a < 2; ++a)
+        if (axes[a]) why = why != 0 ? why : load_bytes(axes[a]->reason.row(v) + u, count);
+      store_bytes(why, c.reason.row(v) + u, count);
+      const LaneMask good = why == static_cast<int>(Reason::kAccepted);
+      const LaneMask here = kLane < int{count};
+      lit += here & (why != static_cast<int>(Reason::kDark)) & (why != static_cast<int>(Reason::kIndirect));
+      accepted += here & good;
+      auto sigma = load<Lanes>(c.sigma.row(v) + u, count);
+      if (other) sigma = larger(sigma, load<Lanes>(other->row(v) + u, count));
+      store(good ? sigma : all(kNaN), c.sigma.row(v) + u, count);
+      if (!any(~good)) return;
+      for (Image* q : {&c.x, &c.y}) store(good ? load<Lanes>(q->row(v) + u, count) : all(kNaN), q->row(v) + u, count);
+    });
+    counts[v] = {static_cast<std::size_t>(count_of(lit)), static_cast<std::size_t>(count_of(accepted))};
   });
   for (const auto& [lit, accepted] : counts) c.lit += lit, c.accepted += accepted;
 }

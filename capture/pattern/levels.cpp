@@ -77,7 +77,8 @@ struct LevelRows {
   std::array<std::vector<float>, 4> light;
   LevelRows(const LevelPhotos& photos, int y) {
     for (std::size_t k = 0; k < 4; ++k)
-      if (photos.photo[k] != nullptr) light[k].resize(photos.photo[k]->width()), photos.photo[k]->light_row(y, light[k].data());
+      if (photos.photo[k] != nullptr)
+        light[k].resize(photos.photo[k]->width()), photos.photo[k]->light_row(y, light[k].data());
   }
 };
 
