@@ -5,11 +5,13 @@
 #include <immintrin.h>
 #endif
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <type_traits>
+#include <utility>
 
 namespace countershade {
 
@@ -18,6 +20,8 @@ using Lanes = float __attribute__((vector_size(4 * kLanes)));
 using LaneBits = std::uint32_t __attribute__((vector_size(4 * kLanes)));
 using LaneMask = std::int32_t __attribute__((vector_size(4 * kLanes)));  // of comparisons: all bits or none
 using LaneWords = std::uint16_t __attribute__((vector_size(2 * kLanes)));
+
+constexpr LaneMask kLane = {0, 1, 2, 3, 4, 5, 6, 7};
 
 inline Lanes all(float v) {
   return Lanes{} + v;
@@ -43,6 +47,29 @@ inline Lanes root(Lanes v) {
   return v;
 #endif
 }
+// Median of seven, lane by lane.
+inline Lanes median_of_seven(std::array<Lanes, 7> v) {
+  const auto sort = [&](int i, int j) {
+    const Lanes low = v[i] < v[j] ? v[i] : v[j];
+    v[j] = v[i] < v[j] ? v[j] : v[i], v[i] = low;
+  };
+  for (const auto& [i, j] : {std::pair(0, 5),
+                             {0, 3},
+                             {1, 6},
+                             {2, 4},
+                             {0, 1},
+                             {3, 5},
+                             {2, 6},
+                             {2, 3},
+                             {3, 6},
+                             {4, 5},
+                             {1, 4},
+                             {1, 3},
+                             {3, 4}})
+    sort(i, j);
+  return v[3];
+}
+
 inline bool any(LaneMask mask) {
   std::uint64_t parts[kLanes / 2];
   std::memcpy(parts, &mask, sizeof mask);

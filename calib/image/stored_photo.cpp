@@ -54,18 +54,19 @@ void StoredPhoto::light_row(int y, float* light) const {
 void StoredPhoto::mark_saturated(int y, std::uint8_t* flags) const {
   const auto mark = [&](const auto& values) {
     using T = std::remove_cvref_t<decltype(values.at(0, 0))>;
+    const int width = values.width();  // flags may lie anywhere, for all that the compiler knows
     if constexpr (std::is_same_v<T, float>) {
-      for (int x = 0; x < values.width(); ++x) flags[x] |= !valid_.row(y)[x];
+      const std::uint8_t* valid = valid_.row(y);
+      for (int x = 0; x < width; ++x) flags[x] |= !valid[x];
     } else {
       const T* row = values.row(y);
       if (scale_.saturated_from > std::numeric_limits<T>::max()) return;
       const auto limit = static_cast<T>(std::max(0.0, std::ceil(scale_.saturated_from)));
       const int channels = values.channels();
       if (channels == 1)
-        for (int x = 0; x < values.width(); ++x) flags[x] |= static_cast<std::uint8_t>(row[x] >= limit);
+        for (int x = 0; x < width; ++x) flags[x] |= static_cast<std::uint8_t>(row[x] >= limit);
       else
-        for (int i = 0; i < values.width() * channels; ++i)
-          flags[i / channels] |= static_cast<std::uint8_t>(row[i] >= limit);
+        for (int i = 0; i < width * channels; ++i) flags[i / channels] |= static_cast<std::uint8_t>(row[i] >= limit);
     }
   };
   std::visit(mark, values_);

@@ -181,6 +181,17 @@ void BitReading::judge_row(const LevelPhotos& photos, int y, float* white, float
   });
 }
 
+// Where there is nothing to read.
+template <class Count>
+[[gnu::always_inline]] inline void BitReading::pass_over(int y, int x, Count count) {
+  const LaneMask judged = load_bytes(judged_.row(y) + x, count);
+  for (AxisReading& axis : axes_) {
+    if (!axis.bits) continue;
+    store_bytes(judged, axis.reason.row(y) + x, count);
+    store(all(kNaN), axis.q.row(y) + x, count);
+  }
+}
+
 // Whether light is direct at all, and the coordinates that bits say [px]: a cell's middle, or the border of two where
 // the one bit in doubt decides between them (Gray code changes one bit from cell to cell).
 template <class Count>
@@ -226,17 +237,24 @@ void BitReading::read_band(const Pass& pass, int first_row, int last_row) {
     T* to = values.data() + 2 * k * width_;
     rows.rows.push_back({to, to + width_, 1u << pass.pairs[k].bit});
   }
-  const auto bring = [&](const StoredPhoto& photo, int y, T* to) {
+  const auto bring = [&](const StoredPhoto& photo, int y, std::ptrdiff_t begin, std::ptrdiff_t end, T* to) {
     if constexpr (std::is_same_v<T, float>)
       photo.light_row(y, to);
     else
-      std::copy_n(photo.linear_row<T>(y), width_, to);
+      std::copy(photo.linear_row<T>(y) + begin, photo.linear_row<T>(y) + end, to + begin);
   };
   for (int y = first_row; y < last_row; ++y) {
     if (pass.first) judge_row(pass.levels, y, levels.data(), levels.data() + width_);
+    const std::uint8_t* judged = judged_.row(y);
+    const auto is_lit = [](std::uint8_t reason) { return reason == 0; };
+    const auto begin = std::find_if(judged, judged + width_, is_lit) - judged;
+    const auto end =
+        std::find_if(std::make_reverse_iterator(judged + width_), std::make_reverse_iterator(judged + begin), is_lit)
+            .base() -
+        judged;
     for (std::size_t k = 0; k < pass.pairs.size(); ++k) {
-      bring(*pass.pairs[k].plain, y, values.data() + 2 * k * width_);
-      bring(*pass.pairs[k].inverse, y, values.data() + (2 * k + 1) * width_);
+      bring(*pass.pairs[k].plain, y, begin, end, values.data() + 2 * k * width_);
+      bring(*pass.pairs[k].inverse, y, begin, end, values.data() + (2 * k + 1) * width_);
     }
     read_row(pass, rows, y);
   }
@@ -263,6 +281,11 @@ void BitReading::read_row(const Pass& pass, const PairRows<T>& rows, int y) {
       if (pass.pairs[k].axis <= a)
         ends[a][1] = k + 1, ends[a][0] = pass.pairs[k].fine || pass.pairs[k].axis < a ? k + 1 : ends[a][0];
   for_lanes(width_, [&](int x, auto count) {
+    const LaneMask judged = load_bytes(judged_.row(y) + x, count);
+    if (!any((kLane < int{count}) & (judged == 0))) {
+      if (pass.last) pass_over(y, x, count);
+      return;
+    }
     const auto contrast = load<Lanes>(contrast_.row(y) + x, count);
     const Lanes least = modulation * contrast;
     std::array<LaneBits, 2> codes{}, doubts{};

@@ -47,6 +47,8 @@ class BitReading {
   template <class T>
   void read_row(const Pass& pass, const PairRows<T>& rows, int y);
   template <class Count>
+  void pass_over(int y, int x, Count count);
+  template <class Count>
   void finish(int y, int x, Count count, const std::array<LaneBits, 2>& code, const std::array<LaneBits, 2>& uncertain,
               Lanes fine, Lanes contrast);
 

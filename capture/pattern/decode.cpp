@@ -19,8 +19,6 @@ namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-constexpr LaneMask kLane = {0, 1, 2, 3, 4, 5, 6, 7};
-
 // Joins the axes: a pixel is accepted when every axis with a code is.
 void join(const Mask& judged, AxisReading* axes[2], Correspondence& c) {
   c.reason = judged;

@@ -16,9 +16,9 @@ using StoredPhotos = std::map<int, std::shared_ptr<const StoredPhoto>>;  // by f
 // The two pairs of photos that sum to the same light in every pixel, whatever bounces and whatever the picture: white
 // and black (or the coarsest bit and its inverse), and the finest bit and its inverse.
 struct LevelPhotos {
-  std::array<int, 4> index{-1, -1, -1, -1};     // frames; -1 = the axis has one bit and no levels
-  std::array<const StoredPhoto*, 4> photo{};    // null = not there (yet)
-  bool extremes = false;                        // no white and black were shown: extremes of the four take their place
+  std::array<int, 4> index{-1, -1, -1, -1};   // frames; -1 = the axis has one bit and no levels
+  std::array<const StoredPhoto*, 4> photo{};  // null = not there (yet)
+  bool extremes = false;                      // no white and black were shown: extremes of the four take their place
 
   // Needs bits on one axis at least.
   LevelPhotos(const CodePlan& plan, const StoredPhotos& photos);

@@ -4,7 +4,6 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -99,29 +98,6 @@ std::optional<float> slope(const Window& w, bool along_rows) {
   return median(slopes, count);
 }
 
-// Median of seven, lane by lane.
-Lanes median_of_seven(std::array<Lanes, kSide> v) {
-  const auto sort = [&](int i, int j) {
-    const Lanes low = v[i] < v[j] ? v[i] : v[j];
-    v[j] = v[i] < v[j] ? v[j] : v[i], v[i] = low;
-  };
-  for (const auto& [i, j] : {std::pair(0, 5),
-                             {0, 3},
-                             {1, 6},
-                             {2, 4},
-                             {0, 1},
-                             {3, 5},
-                             {2, 6},
-                             {2, 3},
-                             {3, 6},
-                             {4, 5},
-                             {1, 4},
-                             {1, 3},
-                             {3, 4}})
-    sort(i, j);
-  return v[3];
-}
-
 // Slopes of the middles of 4 x 4 pixels, NaN where their windows have none: surfaces are smooth, so the pixels around
 // share them. A pixel whose block has none is asked itself.
 constexpr int kBlock = 4;
@@ -200,8 +176,7 @@ struct Planes {
   Lanes agree{}, count{};  // of the readings of the window
 };
 
-// Where the eight windows are: at the first of eight neighbouring pixels, and that pixel in the first of seven rows of
-// flags that are 1 where a reading is a border.
+// Where eight windows are: at the first of eight pixels; flags: 1 where a reading is a border, first of seven rows.
 struct Place {
   const Field& q;
   int x, y;
@@ -319,16 +294,20 @@ bool on_base_edge(float q, const AxisReading& reading) {
          1;
 }
 
+// Whether the bit that others were shown in exclusive or with is in doubt, at its edge.
+bool at_base_edge(std::size_t i, const AxisReading& reading) {
+  return reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
+}
+
 // Whether enough of a pixel's bits are certain to complete it.
 bool may_be_completed(std::size_t i, const AxisReading& reading) {
-  const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
-  return edge || 2 * std::popcount(reading.uncertain[i]) <= reading.bits;
+  return at_base_edge(i, reading) || 2 * std::popcount(reading.uncertain[i]) <= reading.bits;
 }
 
 // Whether all certain bits of a pixel are those of q, which its neighbours say.
 bool completes(float q, std::size_t i, const AxisReading& reading) {
-  const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
-  return (!edge || on_base_edge(q, reading)) && confirmed(q, reading.code[i], reading.uncertain[i], reading);
+  return (!at_base_edge(i, reading) || on_base_edge(q, reading)) &&
+         confirmed(q, reading.code[i], reading.uncertain[i], reading);
 }
 
 // How far [camera px] light of brighter surroundings may pull a pixel's code toward them: lens blur mixes neighbours,
@@ -387,10 +366,11 @@ class Refiner {
       return rows.data() + static_cast<std::ptrdiff_t>(stride) * line + kLanes + x;
     }
   };
-  // Eight pixels: what is known of them before their windows are looked at.
+  // Eight pixels: what is known of them before their windows are looked at. Slopes are their own where their block has
+  // none.
   struct Eight {
     LaneMask read{}, doubtful{};
-    Lanes centre{}, gx{}, gy{}, block_gx{}, block_gy{};  // slopes of its own where its block has none
+    Lanes centre{}, gx{}, gy{};
   };
 
   void flag_edges(Band& band, int line, int y) const {
@@ -430,11 +410,11 @@ class Refiner {
   }
 
   template <class Count>
-  void refine_block(Band& band, int x, int y, int line, Count count);
+  void refine_block(const Band& band, int x, int y, int line, Count count);
   template <class Count>
   void judge(const Eight& lanes, const Planes& planes, const float* brightest, int x, int y, Count count);
   template <class Count>
-  Eight look(int x, int y, Count count) const;
+  Eight look(int x, int y, Lanes gx, Lanes gy, Count count) const;
 
   AxisReading& reading_;
   Field q_;
@@ -442,58 +422,46 @@ class Refiner {
   float cell_;
 };
 
-// Which of eight pixels are read or in doubt, their slopes, and where their windows are centred. What has no support is
-// left out of both.
+// Which of eight pixels are read or in doubt, where their windows are centred, and their slopes, given those of their
+// blocks. What has no support is left out of both.
 template <class Count>
-Refiner::Eight Refiner::look(int x, int y, Count count) const {
-  Eight lanes;
+Refiner::Eight Refiner::look(int x, int y, Lanes gx, Lanes gy, Count count) const {
+  Eight lanes{.centre = load<Lanes>(q_.at(x, y)), .gx = gx, .gy = gy};
+  const LaneMask reasons = load_bytes(reading_.reason.row(y) + x, count), here = kLane < int{count};
+  lanes.read = here & (reasons == static_cast<int>(Reason::kAccepted));
+  const LaneMask unasked = lanes.read & ~((gx == gx) & (gy == gy));
+  LaneMask doubtful = here & (reasons == static_cast<int>(Reason::kUncertainBit));
+  if (!any(unasked | doubtful)) return lanes;
   const std::size_t start = static_cast<std::size_t>(y) * q_.width() + x;
-  lanes.centre = load<Lanes>(q_.at(x, y));
-  const int bx = x / kBlock, by = y / kBlock;
-  const float *gx = &slopes_.x.row(by)[bx], *gy = &slopes_.y.row(by)[bx];
-  lanes.gx = Lanes{gx[0], gx[0], gx[0], gx[0], gx[1], gx[1], gx[1], gx[1]};
-  lanes.gy = Lanes{gy[0], gy[0], gy[0], gy[0], gy[1], gy[1], gy[1], gy[1]};
-  lanes.block_gx = lanes.gx, lanes.block_gy = lanes.gy;
-  const std::uint8_t* reason = reading_.reason.data().data() + start;
-  static_assert(kLanes == 8 && kBlock == 4 && static_cast<int>(Reason::kAccepted) == 0);
-  std::uint64_t reasons = 0;
-  if (count == kLanes) std::memcpy(&reasons, reason, sizeof reasons);
-  const bool smooth = !any(~((lanes.gx == lanes.gx) & (lanes.gy == lanes.gy)));
-  if (count == kLanes && reasons == 0 && smooth) {
-    lanes.read = LaneMask{} - 1;
-    return lanes;
-  }
   for (int i = 0; i < count; ++i) {
-    const bool read = reason[i] == static_cast<std::uint8_t>(Reason::kAccepted);
-    const bool doubtful = reason[i] == static_cast<std::uint8_t>(Reason::kUncertainBit);
-    if (!read && !(doubtful && may_be_completed(start + i, reading_))) continue;
-    if (read && smooth) {
-      lanes.read[i] = -1;
-      continue;
-    }
+    if (!unasked[i] && !(doubtful[i] && may_be_completed(start + i, reading_))) continue;
     const Window w = window_at(q_, x + i, y);
     float own_x = 0, own_y = 0;
-    if (w.count < kFewest || !slopes_.of(w, x + i, y, own_x, own_y)) continue;
+    const bool supported = w.count >= kFewest && slopes_.of(w, x + i, y, own_x, own_y);
+    if (unasked[i]) lanes.read[i] = supported ? -1 : 0;
+    if (!supported) continue;
     lanes.gx[i] = own_x, lanes.gy[i] = own_y;
-    (read ? lanes.read : lanes.doubtful)[i] = -1;
-    if (doubtful) lanes.centre[i] = centre_of(w, own_x, own_y);
+    if (doubtful[i]) lanes.doubtful[i] = -1, lanes.centre[i] = centre_of(w, own_x, own_y);
   }
   return lanes;
 }
 
 // Two blocks of four rows: their windows share lines and slopes.
 template <class Count>
-void Refiner::refine_block(Band& band, int x, int y, int line, Count count) {
+void Refiner::refine_block(const Band& band, int x, int y, int line, Count count) {
   const int rows = std::min(kBlock, q_.height() - y);
+  const int bx = x / kBlock;
+  static_assert(kLanes == 2 * kBlock);
+  const float *block_x = slopes_.x.row(y / kBlock) + bx, *block_y = slopes_.y.row(y / kBlock) + bx;
+  const Lanes gx = kLane < kBlock ? all(block_x[0]) : all(block_x[1]),
+              gy = kLane < kBlock ? all(block_y[0]) : all(block_y[1]);
   std::array<Eight, kBlock> eights;
   Lanes plane = all(kNaN);
   LaneMask wanted{};
   for (int row = 0; row < rows; ++row) {
-    eights[row] = look(x, y + row, count);
-    const LaneMask these = eights[row].read | eights[row].doubtful;
-    plane = plane == plane ? plane : eights[row].centre, wanted |= these;
+    eights[row] = look(x, y + row, gx, gy, count);
+    plane = plane == plane ? plane : eights[row].centre, wanted |= eights[row].read | eights[row].doubtful;
   }
-  const Lanes gx = eights[0].block_gx, gy = eights[0].block_gy;
   std::array<LineSums, kBlock + 2 * kRadius> lines;
   if (any(wanted))
     for (int i = 0; i < rows + 2 * kRadius; ++i)
@@ -502,6 +470,8 @@ void Refiner::refine_block(Band& band, int x, int y, int line, Count count) {
     const Eight& lanes = eights[row];
     const LaneMask these = lanes.read | lanes.doubtful;
     Planes planes;
+    const LaneMask reasons = load_bytes(reading_.reason.row(y + row) + x, count);
+    if (!any(these | (reasons == 0))) continue;  // nothing was read
     if (any(these)) {
       const Lanes edges = __builtin_convertvector(load_bytes(band.at(band.edges, x, line + row)), Lanes);
       const Lanes above = plane + static_cast<float>(row) * gy;
