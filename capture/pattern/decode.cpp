@@ -1,14 +1,14 @@
 #include "capture/pattern/decode.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <limits>
 #include <optional>
 
+#include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
+#include "capture/pattern/bits.h"
 #include "capture/pattern/levels.h"
-#include "capture/pattern/pattern.h"
 #include "capture/pattern/phase.h"
 #include "capture/pattern/plan.h"
 #include "capture/pattern/refine.h"
@@ -18,187 +18,41 @@ namespace countershade::capture {
 namespace {
 
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-constexpr int kFineBits = 4;  // their stripes are too narrow to modulate light that comes by way of other surfaces
-
-double percentile99_of_contrast(const Levels& levels) {
-  std::vector<float> contrast;
-  contrast.reserve(levels.white.pixels());
-  for (std::size_t i = 0; i < levels.white.pixels(); ++i) {
-    const float difference = levels.white.data()[i] - levels.black.data()[i];
-    if (std::isfinite(difference)) contrast.push_back(difference);
-  }
-  if (contrast.empty()) return 0;
-  const auto nth = contrast.begin() + static_cast<std::ptrdiff_t>(0.99 * (contrast.size() - 1));
-  std::nth_element(contrast.begin(), nth, contrast.end());
-  return *nth;
-}
-
-// Pixels that no code is read from: dark or saturated.
-Mask judge_levels(const Levels& levels, const DecodeOptions& options) {
-  const double dark = options.dark_fraction * percentile99_of_contrast(levels);
-  Mask reason(levels.white.width(), levels.white.height(), 1);
-  for (std::size_t i = 0; i < reason.data().size(); ++i) {
-    const float white = levels.white.data()[i], black = levels.black.data()[i];
-    const double least = options.min_snr * std::hypot(levels.noise.sigma(white), levels.noise.sigma(black));
-    Reason why = Reason::kAccepted;
-    if (!(white - black > std::max(dark, least)))  // NaN is dark
-      why = Reason::kDark;
-    else if (levels.saturated.data()[i])
-      why = Reason::kSaturated;
-    reason.data()[i] = static_cast<std::uint8_t>(why);
-  }
-  return reason;
-}
-
-// The bits of one axis. fine: strongest modulation so far by the finest stripes, the direct share of the light.
-struct BitReader {
-  const Levels& levels;
-  const DecodeOptions& options;
-  const Mask& skip;
-  std::vector<float>& fine;
-
-  // One row of one bit; `is_fine`: its stripes are too narrow to modulate indirect light. A direct share d makes +-d of
-  // the difference, light by way of other surfaces up to +-(1 - d): a coarse bit is certain only beyond what the latter
-  // can do against the former, 1 - 2 d (Xu & Aliaga 2007, robust pixel classification; their bounds for on and off,
-  // written for the difference). As the strongest of several modulations, `fine` is a few percent more than d.
-  void row(int y, int bit, bool is_fine, const Image& plain, const Image& inverse, AxisReading& reading) const {
-    const std::size_t start = static_cast<std::size_t>(y) * plain.width();
-    for (int x = 0; x < plain.width(); ++x) {
-      const std::size_t i = start + x;
-      if (skip.data()[i]) continue;
-      const float a = plain.data()[i], b = inverse.data()[i], difference = a - b;
-      const float range = levels.white.data()[i] - levels.black.data()[i], size = std::abs(difference);
-      const NoiseModel& noise = levels.noise;
-      const double sigma = std::sqrt(2 * noise.read * noise.read + noise.photon * std::max(0.0f, a + b));
-      double least = std::max(options.min_snr * sigma, options.min_modulation * range);
-      if (is_fine)
-        fine[i] = std::max(fine[i], size / range);
-      else
-        least = std::max(least, (1.0 - 1.8 * fine[i]) * range + options.min_snr * sigma);
-      if (difference > 0) reading.code[i] |= 1u << bit;
-      if (!(size > least)) reading.uncertain[i] |= 1u << bit;
-    }
-  }
-};
-
-// Means of channels of a bit's two photos, read at the same time.
-Result<std::array<Image, 2>> read_pair(const BitFrames& frames, const PhotoSource& photos, const Mask& shape) {
-  std::array<Image, 2> light;
-  std::array<std::optional<Error>, 2> failed;
-  parallel_for(2, [&](int k) {
-    const int index = k ? frames.inverse : frames.plain;
-    const Result<Photo> photo = photos(index);
-    if (!photo) {
-      failed[k] = photo.error();
-      return;
-    }
-    light[k] = luminance_mean(photo->value);
-    if (!light[k].same_size(shape.width(), shape.height()))
-      failed[k] = error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", index,
-                        light[k].width(), light[k].height(), shape.width(), shape.height());
-  });
-  for (const std::optional<Error>& error : failed)
-    if (error) return *error;
-  return light;
-}
-
-// Bits that were shown in exclusive or with another become those of the Gray code; where that one is in doubt, so are
-// they.
-void take_off_base(const AxisCode& code, AxisReading& reading) {
-  std::uint32_t combined = 0;
-  for (std::size_t b = 0; b < code.bits.size(); ++b)
-    if (code.bits[b].base >= 0) combined |= 1u << b, reading.base = code.bits[b].base;
-  if (!combined) return;
-  for (std::size_t i = 0; i < reading.code.size(); ++i) {
-    if ((reading.code[i] >> reading.base) & 1) reading.code[i] ^= combined;
-    if ((reading.uncertain[i] >> reading.base) & 1) reading.uncertain[i] |= combined;
-  }
-}
-
-Result<void> read_bits(const AxisCode& code, const PhotoSource& photos, const BitReader& reader,
-                       const std::function<void()>& tick, AxisReading& reading) {
-  for (std::size_t b = 0; b < code.bits.size(); ++b) {
-    CS_TRY(const auto light, read_pair(code.bits[b], photos, reader.skip));
-    const int bit = static_cast<int>(b);
-    const bool is_fine = bit < kFineBits || code.bits[b].base >= 0;
-    parallel_for(reader.skip.height(), [&](int y) { reader.row(y, bit, is_fine, light[0], light[1], reading); });
-    tick();
-  }
-  take_off_base(code, reading);
-  return {};
-}
-
-// The coordinate that bits say [px]: a cell's middle, or the border of two where the one bit in doubt decides between
-// them (Gray code changes one bit from cell to cell). Nothing where doubt leaves more open.
-std::optional<float> coordinate(std::uint32_t code, std::uint32_t uncertain, int cell_px) {
-  const auto middle = [&](unsigned cell) {
-    return static_cast<float>(cell) * cell_px + 0.5f * static_cast<float>(cell_px - 1);
-  };
-  const unsigned cell = binary_from_gray(code);
-  if (!uncertain) return middle(cell);
-  if (std::popcount(uncertain) > 1) return std::nullopt;
-  const unsigned other = binary_from_gray(code ^ uncertain);
-  if (std::max(cell, other) - std::min(cell, other) > 1) return std::nullopt;
-  return 0.5f * (middle(cell) + middle(other));
-}
-
-void read_coordinates(AxisReading& reading) {
-  parallel_for(reading.q.height(), [&](int y) {
-    for (int x = 0; x < reading.q.width(); ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * reading.q.width() + x;
-      if (reading.reason.data()[i]) continue;
-      const auto q = coordinate(reading.code[i], reading.uncertain[i], reading.cell_px);
-      Reason why = Reason::kAccepted;
-      if (!q)
-        why = Reason::kUncertainBit;
-      else if (*q > static_cast<float>(reading.length_px) - 0.5f)
-        why = Reason::kInconsistent;
-      else
-        reading.q.data()[i] = *q;
-      reading.reason.data()[i] = static_cast<std::uint8_t>(why);
-    }
-  });
-}
-
-AxisReading new_reading(const AxisCode& code, const Levels& levels, const Mask& skip) {
-  AxisReading reading;
-  reading.cell_px = code.cell_px, reading.length_px = code.length_px;
-  reading.bits = static_cast<int>(code.bits.size());
-  reading.q = reading.sigma = Image(skip.width(), skip.height(), 1, kNaN);
-  reading.contrast = levels.white;
-  for (std::size_t i = 0; i < skip.data().size(); ++i) reading.contrast.data()[i] -= levels.black.data()[i];
-  reading.code.assign(skip.data().size(), 0);
-  reading.uncertain.assign(skip.data().size(), 0);
-  return reading;
-}
 
 // Joins the axes: a pixel is accepted when every axis with a code is.
-void join(const Mask& judged, const AxisReading* axes[2], Correspondence& c) {
+void join(const Mask& judged, AxisReading* axes[2], Correspondence& c) {
   c.reason = judged;
-  for (std::size_t i = 0; i < c.reason.data().size(); ++i) {
-    std::uint8_t& reason = c.reason.data()[i];
-    for (int a = 0; a < 2; ++a)
-      if (axes[a] && !reason) reason = axes[a]->reason.data()[i];
-    const auto why = static_cast<Reason>(reason);
-    if (why != Reason::kDark && why != Reason::kIndirect) ++c.lit;
-    if (why != Reason::kAccepted) continue;
-    ++c.accepted;
-    float sigma = 0;
-    for (int a = 0; a < 2; ++a) {
-      if (!axes[a]) continue;
-      (a ? c.y : c.x).data()[i] = axes[a]->q.data()[i];
-      sigma = std::max(sigma, axes[a]->sigma.data()[i]);
-    }
-    c.sigma.data()[i] = sigma;
-  }
+  const int width = judged.width(), height = judged.height();
+  for (int a = 0; a < 2; ++a) (a ? c.y : c.x) = axes[a] ? std::move(axes[a]->q) : Image(width, height, 1, kNaN);
+  c.sigma = std::move(axes[axes[0] ? 0 : 1]->sigma);
+  const Image* other = axes[0] && axes[1] ? &axes[1]->sigma : nullptr;
+  std::vector<std::array<std::size_t, 2>> counts(height);  // lit, accepted
+  parallel_for(height, [&](int v) {
+    LaneMask lit{}, accepted{};  // -1 each
+    for_lanes(width, [&](int u, auto count) {
+      LaneMask why = load_bytes(c.reason.row(v) + u, count);
+      for (int a = 0; a < 2; ++a)
+        if (axes[a]) why = why != 0 ? why : load_bytes(axes[a]->reason.row(v) + u, count);
+      store_bytes(why, c.reason.row(v) + u, count);
+      const LaneMask good = why == static_cast<int>(Reason::kAccepted);
+      const LaneMask here = kLane < int{count};
+      lit += here & (why != static_cast<int>(Reason::kDark)) & (why != static_cast<int>(Reason::kIndirect));
+      accepted += here & good;
+      auto sigma = load<Lanes>(c.sigma.row(v) + u, count);
+      if (other) sigma = larger(sigma, load<Lanes>(other->row(v) + u, count));
+      store(good ? sigma : all(kNaN), c.sigma.row(v) + u, count);
+      if (!any(~good)) return;
+      for (Image* q : {&c.x, &c.y}) store(good ? load<Lanes>(q->row(v) + u, count) : all(kNaN), q->row(v) + u, count);
+    });
+    counts[v] = {static_cast<std::size_t>(count_of(lit)), static_cast<std::size_t>(count_of(accepted))};
+  });
+  for (const auto& [lit, accepted] : counts) c.lit += lit, c.accepted += accepted;
 }
 
 Error nothing_decoded(const Correspondence& c, const Levels& levels) {
   const auto saturated =
       std::count(c.reason.data().begin(), c.reason.data().end(), static_cast<std::uint8_t>(Reason::kSaturated));
   const bool too_bright = saturated > static_cast<std::ptrdiff_t>(c.reason.data().size() / 100);
-  const float white = *std::max_element(levels.white.data().begin(), levels.white.data().end());
-  const float black = *std::min_element(levels.black.data().begin(), levels.black.data().end());
   return error(ErrorCode::kRefused,
                "projector '{}': no camera pixel can be decoded: {} (brightest white {:.1f} %, darkest black {:.1f} % "
                "of full scale). {}",
@@ -206,7 +60,7 @@ Error nothing_decoded(const Correspondence& c, const Levels& levels) {
                too_bright                        ? "every lit pixel is saturated"
                : c.lit < c.reason.pixels() / 100 ? "none is lit by it"
                                                  : "its code is not visible where it lights the scene",
-               100 * white, 100 * black,
+               100 * levels.brightest, 100 * levels.darkest,
                too_bright ? "Shorten exposures_ms"
                           : "Is the projector on and in focus, the lens cap off, the exposure long enough, does the "
                             "camera see its picture, and is each photo of the frame that sequence.json says?");
@@ -214,102 +68,94 @@ Error nothing_decoded(const Correspondence& c, const Levels& levels) {
 
 }  // namespace
 
-namespace {
-
-// Everything decode_frames knows while it reads.
-struct Decoder {
-  const CodePlan& plan;
-  const PhotoSource& photos;
-  const DecodeOptions& options;
-  std::function<void()> tick;
+// What has arrived, and what was made of it.
+struct Decoder::State {
+  CodePlan plan;
+  DecodeOptions options;
+  std::string camera, projector;
+  StoredPhotos waiting;
+  std::array<int, 2> size{0, 0};  // of the photos; 0 = not known yet
+  std::optional<BitReading> bits;
   Levels levels;  // of the bits; of the sinusoids, where there are no bits
   Mask judged;    // Reason of pixels that no code is read from
   AxisReading readings[2];
   std::optional<PhaseReading> waves[2];
+  bool bits_read = false;
 
-  Result<void> read_all_bits();
-  Result<void> read_waves(int axis);
+  bool wants(int frame) const;
+  bool has_bits() const { return !plan.axis[0].bits.empty() || !plan.axis[1].bits.empty(); }
+  void advance(bool all);
+  void take_bits();
+  std::optional<WavePhotos> take_waves(const AxisCode& code);
+  void read_waves(int axis, const WavePhotos& photos);
   void settle_waves();
 };
 
-Result<void> Decoder::read_all_bits() {
-  CS_TRY(levels, measure_levels(plan, photos));
-  tick();
-  judged = judge_levels(levels, options);
-  std::vector<float> fine(judged.data().size(), 0.0f);
-  const BitReader reader{levels, options, judged, fine};
-  for (int a = 0; a < 2; ++a) {
-    if (plan.axis[a].bits.empty()) continue;
-    readings[a] = new_reading(plan.axis[a], levels, judged);
-    CS_TRY_VOID(read_bits(plan.axis[a], photos, reader, tick, readings[a]));
-  }
-  for (std::size_t i = 0; i < fine.size(); ++i)
-    if (!judged.data()[i] && fine[i] < options.fine_modulation)
-      judged.data()[i] = static_cast<std::uint8_t>(Reason::kIndirect);
-  for (int a = 0; a < 2; ++a) {
-    if (plan.axis[a].bits.empty()) continue;
-    readings[a].reason = judged;
-    read_coordinates(readings[a]);
-    refine_by_neighbours(readings[a]);
-  }
-  return {};
+bool Decoder::State::wants(int frame) const {
+  if (bits && bits->wants(frame)) return true;
+  for (int a = 0; a < 2; ++a)
+    for (const WaveFrame& wave : plan.axis[a].waves)
+      if (wave.index == frame) return !waves[a];
+  return false;
 }
 
-// Photos of all sinusoids of an axis, two at a time.
-Result<WavePhotos> load_waves(const AxisCode& code, const PhotoSource& photos, const std::function<void()>& tick) {
+// Reads what the photos that are there allow. All: does not wait for more to make it worth a pass.
+void Decoder::State::advance(bool all) {
+  if (bits && !bits_read) {
+    bits->read(waiting, all);
+    if (bits->done()) take_bits();
+  }
+  for (int a = 0; a < 2; ++a) {
+    if (plan.axis[a].waves.empty() || waves[a] || bits_read != has_bits()) continue;
+    if (const auto photos = take_waves(plan.axis[a])) read_waves(a, *photos);
+  }
+}
+
+void Decoder::State::take_bits() {
+  bits_read = true;
+  levels = bits->levels(), judged = std::move(bits->judged());
+  for (int a = 0; a < 2; ++a) {
+    if (plan.axis[a].bits.empty()) continue;
+    readings[a] = std::move(bits->axis(a));
+    readings[a].contrast = std::move(bits->contrast());
+    refine_by_neighbours(readings[a]);
+    bits->contrast() = std::move(readings[a].contrast);
+  }
+}
+
+// Photos of all sinusoids of an axis, once they are there.
+std::optional<WavePhotos> Decoder::State::take_waves(const AxisCode& code) {
+  for (const WaveFrame& wave : code.waves)
+    if (!waiting.contains(wave.index)) return std::nullopt;
   WavePhotos loaded;
-  loaded.light.resize(code.waves.size());
-  std::vector<std::optional<Error>> failed(code.waves.size());
-  std::vector<Mask> valid(code.waves.size());
-  const int count = static_cast<int>(code.waves.size());
-  for (int first = 0; first < count; first += 2) {
-    parallel_for(std::min(2, count - first), [&](int k) {
-      const Result<Photo> photo = photos(code.waves[first + k].index);
-      if (!photo) {
-        failed[first + k] = photo.error();
-        return;
-      }
-      loaded.light[first + k] = luminance_mean(photo->value);
-      valid[first + k] = photo->valid;
-    });
-    tick();
+  loaded.skip = Mask(size[0], size[1], 1);
+  for (const WaveFrame& wave : code.waves) {
+    const StoredPhoto& photo = *waiting.at(wave.index);
+    loaded.light.push_back(light_of(photo));
+    for (int y = 0; y < size[1]; ++y) photo.mark_saturated(y, loaded.skip.row(y));
   }
-  for (int k = 0; k < count; ++k) {
-    if (failed[k]) return *failed[k];
-    const Image &light = loaded.light[k], &other = loaded.light[0];
-    if (!light.same_size(other.width(), other.height()))
-      return error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", code.waves[k].index,
-                   light.width(), light.height(), other.width(), other.height());
-    if (k == 0) loaded.skip = Mask(light.width(), light.height(), 1);
-    for (std::size_t i = 0; i < loaded.skip.data().size(); ++i) loaded.skip.data()[i] |= !valid[k].data()[i];
-  }
+  for (const WaveFrame& wave : code.waves) waiting.erase(wave.index);
   return loaded;
 }
 
-Result<void> Decoder::read_waves(int axis) {
+void Decoder::State::read_waves(int axis, const WavePhotos& photos) {
   const AxisCode& code = plan.axis[axis];
-  CS_TRY(const WavePhotos waves, load_waves(code, photos, tick));
   const bool alone = judged.empty() || code.bits.empty();
-  if (judged.empty()) judged = Mask(waves.skip.width(), waves.skip.height(), 1);
+  if (judged.empty()) judged = Mask(photos.skip.width(), photos.skip.height(), 1);
   for (std::size_t i = 0; i < judged.data().size(); ++i)
-    if (waves.skip.data()[i] && !judged.data()[i]) judged.data()[i] = static_cast<std::uint8_t>(Reason::kSaturated);
-  if (levels.white.empty()) {
-    levels.white = levels.black = waves.light[0];
-    for (const Image& light : waves.light)
-      for (std::size_t i = 0; i < light.data().size(); ++i) {
-        levels.white.data()[i] = std::max(levels.white.data()[i], light.data()[i]);
-        levels.black.data()[i] = std::min(levels.black.data()[i], light.data()[i]);
-      }
-  }
+    if (photos.skip.data()[i] && !judged.data()[i]) judged.data()[i] = static_cast<std::uint8_t>(Reason::kSaturated);
+  if (!has_bits())
+    for (const Image& light : photos.light)
+      for (const float v : light.data())
+        levels.brightest = std::max(levels.brightest, v), levels.darkest = std::min(levels.darkest, v);
   const Image* coarse = alone ? nullptr : &readings[axis].q;
-  const WaveModel model = fit_wave_model(code, waves, coarse, levels.noise);
-  this->waves[axis] = read_phase(code, waves, model, coarse, options);
-  return {};
+  const WaveModel model = fit_wave_model(code, photos, coarse, levels.noise);
+  waves[axis] = read_phase(code, photos, model, coarse, options);
 }
 
 // Once the sinusoids of both axes are read. A pixel that is lit in part may keep its contrast on one of them, where
 // what is left of it is less blurred: the axes share the smaller one.
-void Decoder::settle_waves() {
+void Decoder::State::settle_waves() {
   if (waves[0] && waves[1]) {
     std::vector<float>&x = waves[0]->reading.contrast.data(), &y = waves[1]->reading.contrast.data();
     for (std::size_t i = 0; i < x.size(); ++i) x[i] = y[i] = std::min(x[i], y[i]);
@@ -331,33 +177,85 @@ void Decoder::settle_waves() {
   }
 }
 
-}  // namespace
+Decoder::Decoder(std::unique_ptr<State> state) : state_(std::move(state)) {}
+Decoder::Decoder(Decoder&&) noexcept = default;
+Decoder& Decoder::operator=(Decoder&&) noexcept = default;
+Decoder::~Decoder() = default;
+
+Result<Decoder> Decoder::make(const Sequence& sequence, const std::string& camera, const std::string& projector,
+                              const DecodeOptions& options) {
+  auto state = std::make_unique<State>();
+  CS_TRY(state->plan, plan_code(sequence, projector));
+  state->options = options, state->camera = camera, state->projector = projector;
+  if (state->has_bits()) state->bits.emplace(state->plan, state->options);
+  return Decoder(std::move(state));
+}
+
+std::vector<int> Decoder::frames() const {
+  const CodePlan& plan = state_->plan;
+  std::vector<int> order;
+  const auto add = [&](int frame) {
+    if (frame >= 0 && std::find(order.begin(), order.end(), frame) == order.end()) order.push_back(frame);
+  };
+  if (state_->has_bits())
+    for (const int frame : LevelPhotos(plan, {}).index) add(frame);
+  for (const AxisCode& code : plan.axis)
+    for (const BitFrames& bit : code.bits) add(bit.plain), add(bit.inverse);
+  for (const AxisCode& code : plan.axis)
+    for (const WaveFrame& wave : code.waves) add(wave.index);
+  return order;
+}
+
+Result<void> Decoder::add(int frame, std::shared_ptr<const StoredPhoto> photo) {
+  if (!state_->wants(frame)) return {};
+  std::array<int, 2>& size = state_->size;
+  if (size[0] == 0) size = {photo->width(), photo->height()};
+  if (photo->width() != size[0] || photo->height() != size[1])
+    return error(ErrorCode::kBadFile,
+                 "photo {:04} is {} x {} pixels, the others are {} x {}; all photos of a camera have one size", frame,
+                 photo->width(), photo->height(), size[0], size[1]);
+  state_->waiting[frame] = std::move(photo);
+  state_->advance(false);
+  return {};
+}
+
+Result<Correspondence> Decoder::finish() {
+  State& s = *state_;
+  s.advance(true);
+  for (const int frame : frames())
+    if (s.wants(frame) && !s.waiting.contains(frame))
+      return error(ErrorCode::kRefused, "projector '{}': photo {:04} of its code is missing", s.projector, frame);
+  s.settle_waves();
+  Correspondence c;
+  c.camera = s.camera, c.projector = s.projector;
+  c.projector_resolution = {s.plan.axis[0].length_px, s.plan.axis[1].length_px};
+  AxisReading* axes[2] = {nullptr, nullptr};
+  for (int a = 0; a < 2; ++a)
+    if (s.plan.axis[a].exists()) axes[a] = &s.readings[a];
+  join(s.judged, axes, c);
+  if (c.accepted == 0) return nothing_decoded(c, s.levels);
+  return c;
+}
 
 Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
                                      const std::string& projector, const DecodeOptions& options, Progress& progress) {
-  CS_TRY(const CodePlan plan, plan_code(sequence, projector));
+  CS_TRY(Decoder decoder, Decoder::make(sequence, camera, projector, options));
+  const std::vector<int> frames = decoder.frames();
   const std::string stage = "decode " + projector;
-  const bool has_bits = !plan.axis[0].bits.empty() || !plan.axis[1].bits.empty();
-  double total = has_bits, done = 0;
-  for (const AxisCode& code : plan.axis)
-    total += static_cast<double>(code.bits.size()) + static_cast<double>((code.waves.size() + 1) / 2);
-  progress.step(stage, 0, total);
-  Decoder decoder{plan, photos, options, [&] { progress.step(stage, ++done, total); }, {}, {}, {}, {}};
-  if (has_bits) CS_TRY_VOID(decoder.read_all_bits());
-  for (int a = 0; a < 2; ++a)
-    if (!plan.axis[a].waves.empty()) CS_TRY_VOID(decoder.read_waves(a));
-  decoder.settle_waves();
-
-  Correspondence c;
-  c.camera = camera, c.projector = projector;
-  c.projector_resolution = {plan.axis[0].length_px, plan.axis[1].length_px};
-  const Mask& judged = decoder.judged;
-  c.x = c.y = c.sigma = Image(judged.width(), judged.height(), 1, kNaN);
-  const AxisReading* axes[2] = {nullptr, nullptr};
-  for (int a = 0; a < 2; ++a)
-    if (plan.axis[a].exists()) axes[a] = &decoder.readings[a];
-  join(judged, axes, c);
-  if (c.accepted == 0) return nothing_decoded(c, decoder.levels);
+  for (std::size_t first = 0; first < frames.size(); first += 2) {
+    progress.step(stage, static_cast<double>(first), static_cast<double>(frames.size()));
+    std::array<std::optional<Result<Photo>>, 2> read;
+    parallel_for(static_cast<int>(std::min<std::size_t>(2, frames.size() - first)),
+                 [&](int k) { read[k] = photos(frames[first + k]); });
+    for (int k = 0; k < 2 && read[k]; ++k) {
+      if (!*read[k]) return read[k]->error();
+      Photo& photo = **read[k];
+      if (photo.value.channels() > 1) photo.value = luminance_mean(photo.value);  // less to keep
+      CS_TRY_VOID(decoder.add(frames[first + k], std::make_shared<const StoredPhoto>(std::move(photo))));
+    }
+  }
+  Result<Correspondence> c = decoder.finish();
+  progress.step(stage, static_cast<double>(frames.size()), static_cast<double>(frames.size()));
   return c;
 }
 

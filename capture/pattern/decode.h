@@ -5,12 +5,15 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <memory>
 #include <string>
+#include <vector>
 
 #include "calib/base/progress.h"
 #include "calib/base/result.h"
 #include "calib/file/session.h"
 #include "calib/image/image.h"
+#include "calib/image/stored_photo.h"
 
 namespace countershade::capture {
 
@@ -45,6 +48,31 @@ struct DecodeOptions {
   double fine_modulation = 0.15;  // direct light reaches at least this in one of the four finest stripes of an axis
 };
 
+// Decodes one camera's view of one projector while photos arrive, in any order: what a photo allows is done when it is
+// added, and the photo is dropped. Photos may be bytes, 16-bit numbers or floats, and are read as they are.
+// Results do not depend on the order, nor on who calls (decode_frames is this).
+class Decoder {
+ public:
+  // Errors: kRefused when the sequence has no code for that projector, or lacks frames of it.
+  static Result<Decoder> make(const Sequence& sequence, const std::string& camera, const std::string& projector,
+                              const DecodeOptions& options);
+  Decoder(Decoder&&) noexcept;
+  Decoder& operator=(Decoder&&) noexcept;
+  ~Decoder();
+  // All frames that are read, in the order in which the fewest photos have to wait: levels, finest bits first.
+  std::vector<int> frames() const;
+  // Another photo of the same frame takes the place of one that has not been read yet; photos of other frames are
+  // passed over. Error: kBadFile when photos differ in size.
+  Result<void> add(int frame, std::shared_ptr<const StoredPhoto> photo);
+  // Once, after all photos. Errors: kRefused as for decode, and when a photo is missing.
+  Result<Correspondence> finish();
+
+ private:
+  struct State;
+  explicit Decoder(std::unique_ptr<State> state);
+  std::unique_ptr<State> state_;
+};
+
 // Gives the linear photo of a frame, by its index. Called from two threads at once.
 using PhotoSource = std::function<Result<Photo>(int index)>;
 
@@ -57,8 +85,8 @@ using PhotoSource = std::function<Result<Photo>(int index)>;
 // them. The position is then refined by a plane through the accepted neighbours that agree, so that quantisation
 // averages out without bridging edges of the scene; pixels with more bits in doubt are completed where the plane and
 // every certain bit agree. sigma includes what quantisation may hide from the plane, and the pull of brighter
-// surroundings through lens blur. Memory: about 80 bytes per camera pixel, besides two photos, or all sinusoids of an
-// axis.
+// surroundings through lens blur. Memory: about 80 bytes per camera pixel, besides 64 bytes of photos that wait, or all
+// sinusoids of an axis.
 Result<Correspondence> decode_frames(const Sequence& sequence, const PhotoSource& photos, const std::string& camera,
                                      const std::string& projector, const DecodeOptions& options, Progress& progress);
 

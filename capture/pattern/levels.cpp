@@ -1,6 +1,7 @@
 #include "capture/pattern/levels.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace countershade::capture {
@@ -49,41 +50,6 @@ NoiseModel line_through(std::vector<Bin>& bins, int terms) {
   return {std::sqrt(offset / terms), slope};
 }
 
-Error sizes_differ(int first, int second, const Image& a, const Image& b) {
-  return error(ErrorCode::kBadFile,
-               "photos {:04} and {:04} differ in size ({} x {} and {} x {}); all photos of a camera have one size",
-               first, second, a.width(), a.height(), b.width(), b.height());
-}
-
-// Two frames that sum to full light.
-struct Pair {
-  int first, second;
-  Image a, b;  // means of channels
-};
-
-Result<void> load(const PhotoSource& photos, Pair& pair, Levels& levels) {
-  CS_TRY(const Photo first, photos(pair.first));
-  CS_TRY(const Photo second, photos(pair.second));
-  pair.a = luminance_mean(first.value), pair.b = luminance_mean(second.value);
-  if (levels.white.empty()) {
-    levels.white = pair.a, levels.black = pair.b;
-    levels.saturated = Mask(pair.a.width(), pair.a.height(), 1);
-  }
-  for (const Image* image : {&pair.a, &pair.b})
-    if (!image->same_size(levels.white.width(), levels.white.height()))
-      return sizes_differ(pair.first, pair.second, levels.white, *image);
-  for (std::size_t i = 0; i < levels.saturated.data().size(); ++i)
-    if (!first.valid.data()[i] || !second.valid.data()[i]) levels.saturated.data()[i] = 1;
-  return {};
-}
-
-void widen(const Image& image, Levels& levels) {
-  for (std::size_t i = 0; i < image.data().size(); ++i) {
-    levels.white.data()[i] = std::max(levels.white.data()[i], image.data()[i]);
-    levels.black.data()[i] = std::min(levels.black.data()[i], image.data()[i]);
-  }
-}
-
 }  // namespace
 
 NoiseModel noise_of_residuals(const std::vector<float>& residuals, const std::vector<float>& light, int terms) {
@@ -97,38 +63,91 @@ NoiseModel noise_of_residuals(const std::vector<float>& residuals, const std::ve
   return line_through(bins, terms);
 }
 
-NoiseModel noise_of_pairs(const Image& a, const Image& a_inverse, const Image& b, const Image& b_inverse,
-                          const Mask& skip) {
-  std::vector<float> residuals, light;
-  const std::size_t step = std::max<std::size_t>(1, a.pixels() / 400000);
-  for (std::size_t i = 0; i < a.pixels(); i += step) {
-    if (skip.data()[i]) continue;
-    const float sum_a = a.data()[i] + a_inverse.data()[i], sum_b = b.data()[i] + b_inverse.data()[i];
-    if (!std::isfinite(sum_a + sum_b)) continue;
-    residuals.push_back(sum_a - sum_b);
-    light.push_back(sum_a + sum_b);
-  }
-  return noise_of_residuals(residuals, light, 4);
+namespace {
+
+constexpr std::size_t kSamples = 65536;  // pixels that know a variance to a hundredth
+
+const StoredPhoto* find(const StoredPhotos& photos, int index) {
+  const auto found = photos.find(index);
+  return found == photos.end() ? nullptr : found->second.get();
 }
 
-Result<Levels> measure_levels(const CodePlan& plan, const PhotoSource& photos) {
+// Rows of the level photos: lit, dark, and the finest bit with its inverse.
+struct LevelRows {
+  std::array<std::vector<float>, 4> light;
+  LevelRows(const LevelPhotos& photos, int y) {
+    for (std::size_t k = 0; k < 4; ++k)
+      if (photos.photo[k] != nullptr)
+        light[k].resize(photos.photo[k]->width()), photos.photo[k]->light_row(y, light[k].data());
+  }
+};
+
+}  // namespace
+
+LevelPhotos::LevelPhotos(const CodePlan& plan, const StoredPhotos& photos) {
   const AxisCode& code = plan.axis[plan.axis[0].bits.empty() ? 1 : 0];
-  const auto pair_of = [](const BitFrames& bit) { return Pair{bit.plain, bit.inverse, {}, {}}; };
-  const bool has_levels = plan.white >= 0 && plan.black >= 0;
-  Pair full = has_levels ? Pair{plan.white, plan.black, {}, {}} : pair_of(code.bits.back());
+  extremes = plan.white < 0 || plan.black < 0;
+  const BitFrames &coarsest = code.bits.back(), &finest = code.bits.front();
+  index = {extremes ? coarsest.plain : plan.white, extremes ? coarsest.inverse : plan.black, finest.plain,
+           finest.inverse};
+  if (index[2] == index[0]) index[2] = index[3] = -1;
+  for (int k = 0; k < 4; ++k)
+    if (index[k] >= 0) photo[k] = find(photos, index[k]);
+}
+
+bool LevelPhotos::complete() const {
+  for (int k = 0; k < 4; ++k)
+    if (index[k] >= 0 && photo[k] == nullptr) return false;
+  return true;
+}
+
+bool LevelPhotos::need(int frame) const {
+  return std::find(index.begin(), index.end(), frame) != index.end();
+}
+
+void LevelPhotos::row(int y, float* white, float* black, std::uint8_t* saturated) const {
+  const int width = photo[0]->width();
+  const LevelRows rows(*this, y);
+  std::copy(rows.light[0].begin(), rows.light[0].end(), white);
+  std::copy(rows.light[1].begin(), rows.light[1].end(), black);
+  for (const StoredPhoto* p : photo)
+    if (p != nullptr) p->mark_saturated(y, saturated);
+  if (!extremes) return;
+  for (const std::vector<float>& light : rows.light)
+    for (int x = 0; x < static_cast<int>(light.size()) && x < width; ++x)
+      white[x] = std::max(white[x], light[x]), black[x] = std::min(black[x], light[x]);
+}
+
+Levels measure_levels(const LevelPhotos& photos) {
+  CS_CHECK(photos.complete(), "all photos of the levels are there");
+  const int width = photos.photo[0]->width(), height = photos.photo[0]->height();
+  const bool two = photos.photo[2] != nullptr;
+  const int step = static_cast<int>(std::max<std::size_t>(1, std::size_t{1} * width * height / kSamples));
   Levels levels;
-  CS_TRY_VOID(load(photos, full, levels));
-  Pair other = pair_of(code.bits.front());
-  const bool two = other.first != full.first;
-  if (two) CS_TRY_VOID(load(photos, other, levels));
-  if (!has_levels) {
-    widen(full.a, levels), widen(full.b, levels);
-    if (two) widen(other.a, levels), widen(other.b, levels);
+  std::vector<float> residuals, light, contrast, white(width), black(width);
+  for (int y = std::min(step / 2, height - 1); y < height; y += step) {
+    std::vector<std::uint8_t> saturated(width, 0);
+    photos.row(y, white.data(), black.data(), saturated.data());
+    const LevelRows rows(photos, y);
+    for (int x = 0; x < width; ++x) {
+      if (!std::isfinite(white[x] - black[x])) continue;
+      levels.brightest = std::max(levels.brightest, white[x]), levels.darkest = std::min(levels.darkest, black[x]);
+      contrast.push_back(white[x] - black[x]);
+      if (!two || saturated[x]) continue;
+      const float sum_a = rows.light[0][x] + rows.light[1][x], sum_b = rows.light[2][x] + rows.light[3][x];
+      if (!std::isfinite(sum_a + sum_b)) continue;
+      residuals.push_back(sum_a - sum_b), light.push_back(sum_a + sum_b);
+    }
+  }
+  if (!contrast.empty()) {
+    const auto nth = contrast.begin() + static_cast<std::ptrdiff_t>(0.99 * (contrast.size() - 1));
+    std::nth_element(contrast.begin(), nth, contrast.end());
+    levels.contrast = *nth;
   }
   if (two) {
-    levels.noise = noise_of_pairs(full.a, full.b, other.a, other.b, levels.saturated);
+    levels.noise = noise_of_residuals(residuals, light, 4);
   } else {
-    const Photo lit{full.a, Mask(full.a.width(), full.a.height(), 1, 1), 0};
+    const Photo lit{light_of(*photos.photo[0]), Mask(width, height, 1, 1), 0};
     levels.noise = estimate_noise(std::span(&lit, 1));
   }
   return levels;

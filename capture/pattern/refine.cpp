@@ -4,10 +4,11 @@
 #include <array>
 #include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
+#include <memory>
 #include <optional>
 
+#include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
 #include "capture/pattern/half_lit.h"
 #include "capture/pattern/pattern.h"
@@ -17,55 +18,61 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kRadius = 3, kSide = 2 * kRadius + 1;
-constexpr int kFewest = 10;  // readings in a window that can support anything
-constexpr int kStride = 8;   // floats in a row of a window: the last one is never a reading
+constexpr int kFewest = 10;     // readings in a window that can support anything
+constexpr float kReach = 1.6f;  // cells: neighbours may round to either side, and borders read half a cell
+constexpr int kBandRows = 16;   // one task
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
-// Eight floats at once; comparisons give masks of all bits (GCC and Clang).
-using Row = float __attribute__((vector_size(4 * kStride)));
-using RowMask = std::int32_t __attribute__((vector_size(4 * kStride)));
-constexpr Row kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
+// Eight neighbouring pixels are looked at together, or the seven columns of a window.
+constexpr Lanes kColumn = {-3, -2, -1, 0, 1, 2, 3, 0};
 
-Row masked(RowMask mask, Row values) {
-  return std::bit_cast<Row>(mask & std::bit_cast<RowMask>(values));
-}
-float sum(Row r) {
-  float s = 0;
-  for (int i = 0; i < kStride; ++i) s += r[i];
-  return s;
-}
-Row all(float v) {
-  return Row{} + v;
-}
+// The readings of one axis, NaN where there is none, with a border of missing ones: windows end nowhere.
+class Field {
+ public:
+  explicit Field(const Image& q)
+      : width_(q.width()),
+        height_(q.height()),
+        stride_((q.width() + kLanes - 1) / kLanes * kLanes + 2 * kLanes),
+        values_(std::make_unique_for_overwrite<float[]>(static_cast<std::size_t>(stride_) * (height_ + 2 * kRadius))) {
+    parallel_for((height_ + 2 * kRadius + kBandRows - 1) / kBandRows, [&](int band) {
+      for (int y = band * kBandRows - kRadius; y < std::min(height_ + kRadius, (band + 1) * kBandRows - kRadius); ++y) {
+        float* to = values_.get() + static_cast<std::ptrdiff_t>(stride_) * (y + kRadius);
+        const bool inside = y >= 0 && y < height_;
+        std::fill(to, to + kLanes, kNaN);
+        if (inside) std::copy(q.row(y), q.row(y) + width_, to + kLanes);
+        std::fill(to + kLanes + (inside ? width_ : 0), to + stride_, kNaN);
+      }
+    });
+  }
+  int width() const { return width_; }
+  int height() const { return height_; }
+  // x from -kLanes, y from -kRadius.
+  const float* at(int x, int y) const {
+    return values_.get() + static_cast<std::ptrdiff_t>(stride_) * (y + kRadius) + x + kLanes;
+  }
+
+ private:
+  int width_, height_, stride_;
+  std::unique_ptr<float[]> values_;
+};
 
 // The readings of one window, NaN where there is none.
 struct Window {
-  std::array<Row, kSide> rows;
+  std::array<Lanes, kSide> rows;  // the last lane is never a reading
   int count = 0;
   float value(int line, int column) const { return rows[line][column]; }
 };
 
-Window window_at(const Image& q, int x, int y) {
+Window window_at(const Field& q, int x, int y) {
   Window w;
-  const bool inside = x >= kRadius && x + kRadius + 1 < q.width();
-  RowMask finite{};
+  LaneMask finite{};
   for (int line = 0; line < kSide; ++line) {
-    Row row = all(kNaN);
-    const int ny = y + line - kRadius;
-    if (ny >= 0 && ny < q.height()) {
-      const float* from = q.row(ny) + x - kRadius;
-      if (inside) {
-        std::memcpy(&row, from, sizeof row);
-        row[kSide] = kNaN;
-      } else {
-        for (int column = 0; column < kSide; ++column)
-          if (x + column - kRadius >= 0 && x + column - kRadius < q.width()) row[column] = from[column];
-      }
-    }
+    Lanes row = load<Lanes>(q.at(x - kRadius, y + line - kRadius));
+    row[kSide] = kNaN;
     w.rows[line] = row;
     finite += row == row;  // -1 each
   }
-  for (int i = 0; i < kStride; ++i) w.count -= finite[i];
+  w.count = count_of(finite);
   return w;
 }
 
@@ -98,16 +105,10 @@ constexpr int kBlock = 4;
 struct Slopes {
   Image x, y;
 
-  explicit Slopes(const Image& q)
-      : x(q.width() / kBlock + 1, q.height() / kBlock + 1, 1, kNaN), y(x.width(), x.height(), 1, kNaN) {
+  explicit Slopes(const Field& q)
+      : x(q.width() / kBlock + 1 + kLanes, q.height() / kBlock + 1, 1, kNaN), y(x.width(), x.height(), 1, kNaN) {
     parallel_for(x.height(), [&](int by) {
-      for (int bx = 0; bx < x.width(); ++bx) {
-        const Window w = window_at(q, std::min(q.width() - 1, bx * kBlock + kBlock / 2),
-                                   std::min(q.height() - 1, by * kBlock + kBlock / 2));
-        if (w.count < kSide * kSide * 3 / 4) continue;  // beside an edge every pixel has its own
-        if (const auto gx = slope(w, true)) x.at(bx, by) = *gx;
-        if (const auto gy = slope(w, false)) y.at(bx, by) = *gy;
-      }
+      for (int bx = 0; bx + kLanes <= x.width(); bx += kLanes) measure(q, bx, by);
     });
   }
   bool of_block(int bx, int by, float& gx, float& gy) const {
@@ -123,6 +124,34 @@ struct Slopes {
     gx = *own_x, gy = *own_y;
     return true;
   }
+
+ private:
+  // Eight blocks; where nothing is missing, the median of seven slopes across the whole window is all that is asked.
+  void measure(const Field& q, int bx, int by) {
+    std::array<Lanes, kSide> across{}, down{};
+    for (int lane = 0; lane < kLanes; ++lane) {
+      const int px = (bx + lane) * kBlock + kBlock / 2, py = by * kBlock + kBlock / 2;
+      if (px - kBlock / 2 > q.width() || py - kBlock / 2 > q.height()) break;
+      const Window w = window_at(q, std::min(q.width() - 1, px), std::min(q.height() - 1, py));
+      if (w.count < kSide * kSide * 3 / 4) {  // beside an edge every pixel has its own
+        across[0][lane] = kNaN;
+      } else if (w.count < kSide * kSide) {
+        if (const auto gx = slope(w, true)) x.at(bx + lane, by) = *gx;
+        if (const auto gy = slope(w, false)) y.at(bx + lane, by) = *gy;
+        across[0][lane] = kNaN;
+      }
+      const Lanes drop = w.rows[kSide - 1] - w.rows[0];
+      for (int i = 0; i < kSide; ++i) {
+        if (w.count == kSide * kSide) across[i][lane] = w.rows[i][kSide - 1] - w.rows[i][0];
+        down[i][lane] = drop[i];
+      }
+    }
+    const LaneMask whole = across[0] == across[0];
+    const Lanes gx = median_of_seven(across) / static_cast<float>(kSide - 1),
+                gy = median_of_seven(down) / static_cast<float>(kSide - 1);
+    for (int lane = 0; lane < kLanes; ++lane)
+      if (whole[lane]) x.at(bx + lane, by) = gx[lane], y.at(bx + lane, by) = gy[lane];
+  }
 };
 
 // Where the window's readings put its centre: their median once the slopes are taken off.
@@ -136,63 +165,112 @@ float centre_of(const Window& w, float gx, float gy) {
   return median(level, count);
 }
 
-// Plane through the readings that agree with `centre`, at the centre.
-struct Plane {
-  float value = 0, sigma = 0;  // sigma 0: those that agree do not span a plane
-  int agree = 0;
-};
-
-// Sums of the least-squares fit r = c + a dx + b dy.
+// Sums of the least-squares fit r = c + a dx + b dy, of eight pixels' windows.
 struct Sums {
-  double n = 0, x = 0, y = 0, xx = 0, xy = 0, yy = 0, r = 0, xr = 0, yr = 0, rr = 0;
-  double edges = 0;  // readings that are a border between two cells
+  Lanes n{}, x{}, y{}, xx{}, xy{}, yy{}, r{}, xr{}, yr{}, rr{};
+  Lanes edges{};  // readings that are a border between two cells
 };
 
-Sums sum_up(const Window& w, float centre, float gx, float gy, float cell) {
-  // Neighbours may round to either side, and borders read half a cell.
-  const Row reach = all(1.6f * cell), half = all(0.5f * (cell - 1)), per_cell = all(1 / cell);
-  const Row across = all(centre) + gx * kColumn;
-  Row n{}, r{}, rr{}, ny{}, nyy{}, ry{}, edges{};
-  for (int line = 0; line < kSide; ++line) {
-    const auto dy = static_cast<float>(line - kRadius);
-    const Row value = w.rows[line], off = value - (across + dy * gy);
-    const RowMask agrees = (off <= reach) & (off >= -reach);  // NaN never agrees
-    const Row one = masked(agrees, all(1)), residual = masked(agrees, off);
-    const Row in_cells = masked(agrees, (value - half) * per_cell);
-    const Row away = in_cells - __builtin_convertvector(__builtin_convertvector(in_cells + 0.5f, RowMask), Row);
-    edges += masked((away > 0.25f) | (away < -0.25f), one);  // coordinates are beyond -1: truncation rounds
-    n += one, ny += dy * one, nyy += dy * dy * one;
-    r += residual, ry += dy * residual, rr += residual * residual;
-  }
-  Sums s;
-  s.n = sum(n), s.x = sum(n * kColumn), s.xx = sum(n * kColumn * kColumn);
-  s.y = sum(ny), s.xy = sum(ny * kColumn), s.yy = sum(nyy);
-  s.r = sum(r), s.xr = sum(r * kColumn), s.yr = sum(ry), s.rr = sum(rr), s.edges = sum(edges);
-  return s;
-}
+// Planes through the readings that agree with a centre, at the centre.
+struct Planes {
+  Lanes value{}, sigma{};  // sigma 0: those that agree do not span a plane
+  Lanes agree{}, count{};  // of the readings of the window
+};
+
+// Where eight windows are: at the first of eight pixels; flags: 1 where a reading is a border, first of seven rows.
+struct Place {
+  const Field& q;
+  int x, y;
+  const std::uint8_t* flags;
+  std::ptrdiff_t flags_stride;
+};
 
 // Readings are rounded to cells. A share e of them are borders, each of a zone up to 2 e cells wide (where every last
 // bit is lost, borders are all that is read, two cells apart), the rest cells less their borders, so rounding has the
 // variance cell^2 ((1 - e)^3 + 4 e^3) / 12. What the residuals show of it averages out (slowly: errors repeat along
 // lines of equal code and swing only once or twice across a window, so that four pixels count as one); what they do not
 // show, by more than a quarter, has gone into the plane unseen.
-Plane fit(const Window& w, float centre, float gx, float gy, float cell) {
-  const Sums s = sum_up(w, centre, gx, gy, cell);
-  Plane plane;
-  plane.agree = static_cast<int>(s.n);
+[[gnu::always_inline]] inline void solve(const Sums& s, Lanes centre, float cell, Planes& planes) {
   // Normal equations by Cramer's rule.
-  const double cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
-  const double determinant = s.n * cx + s.x * cy + s.y * cz;
-  if (s.n < 6 || determinant < 1e-3 * s.n * s.xx * s.yy) return plane;
-  const double c = (s.r * cx + s.xr * cy + s.yr * cz) / determinant;
-  const double a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) / determinant;
-  const double b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) / determinant;
-  const double left = std::max(0.0, s.rr - c * s.r - a * s.xr - b * s.yr) / std::max(1.0, s.n - 3);
-  const double e = s.edges / s.n;
-  const double rounding = cell * cell * (std::pow(1 - e, 3) + 4 * std::pow(e, 3)) / 12;
-  plane.value = static_cast<float>(centre + c);
-  plane.sigma = static_cast<float>(std::sqrt(4 * left * cx / determinant + std::max(4e-4, rounding - 1.25 * left)));
-  return plane;
+  const Lanes cx = s.xx * s.yy - s.xy * s.xy, cy = s.xy * s.y - s.x * s.yy, cz = s.x * s.xy - s.xx * s.y;
+  const Lanes determinant = s.n * cx + s.x * cy + s.y * cz;
+  const LaneMask spans = (s.n >= 6) & (determinant > 1e-3f * s.n * s.xx * s.yy);
+  const Lanes scale = 1 / determinant;
+  const Lanes c = (s.r * cx + s.xr * cy + s.yr * cz) * scale;
+  const Lanes a = (s.r * cy + s.xr * (s.n * s.yy - s.y * s.y) + s.yr * (s.x * s.y - s.n * s.xy)) * scale;
+  const Lanes b = (s.r * cz + s.xr * (s.x * s.y - s.n * s.xy) + s.yr * (s.n * s.xx - s.x * s.x)) * scale;
+  const Lanes left = larger(s.rr - c * s.r - a * s.xr - b * s.yr, Lanes{}) * (1 / larger(s.n - 3, all(1)));
+  const Lanes e = s.edges * (1 / s.n), inner = 1 - e;
+  const Lanes rounding = cell * cell / 12 * (inner * inner * inner + 4 * e * e * e);
+  planes.agree = s.n;
+  planes.value = centre + c;
+  planes.sigma = masked(spans, root(4 * left * (cx * scale) + larger(rounding - 1.25f * left, all(4e-4f))));
+}
+
+// Sums over one line of the windows of eight pixels, of readings less a plane that is common to four rows of them.
+struct LineSums {
+  Lanes sum{}, xsum{}, squares{}, highest, lowest;
+  [[gnu::always_inline]] LineSums(const float* line, Lanes plane, Lanes gx) {
+    highest = all(-HUGE_VALF), lowest = all(HUGE_VALF);
+#pragma GCC unroll 7
+    for (int column = -kRadius; column <= kRadius; ++column) {
+      const auto dx = static_cast<float>(column);
+      const Lanes off = load<Lanes>(line + column) - (plane + dx * gx);
+      sum += off, xsum += dx * off, squares += off * off;
+      highest = larger(highest, off), lowest = smaller(lowest, off);
+    }
+  }
+  LineSums() = default;
+};
+
+// Where all readings of a window agree, all sums are those of its seven lines, and those of positions are known.
+// centre: less the common plane. Gives the lanes of which that is true; `planes` is right in those.
+[[gnu::always_inline]] inline LaneMask fit_whole(const LineSums* lines, Lanes centre, Lanes edges, float cell,
+                                                 Planes& planes) {
+  Sums s;
+  Lanes sum{}, highest = lines[0].highest, lowest = lines[0].lowest;
+  for (int line = 0; line < kSide; ++line) {
+    sum += lines[line].sum, s.xr += lines[line].xsum, s.rr += lines[line].squares;
+    s.yr += static_cast<float>(line - kRadius) * lines[line].sum;
+    highest = larger(highest, lines[line].highest), lowest = smaller(lowest, lines[line].lowest);
+  }
+  constexpr auto kCount = static_cast<float>(kSide * kSide);
+  const Lanes reach = all(kReach * cell);
+  const LaneMask whole = (highest - centre <= reach) & (lowest - centre >= -reach) & (s.rr == s.rr);  // NaN: not all
+  s.r = sum - kCount * centre, s.rr += centre * (kCount * centre - 2 * sum);
+  s.n = all(kCount), s.xx = s.yy = all(kCount * kRadius * (kRadius + 1) / 3.0f), s.edges = edges;
+  solve(s, centre, cell, planes);
+  planes.count = s.n;
+  return whole;
+}
+
+Planes fit_agreeing(const Place& p, Lanes centre, Lanes gx, Lanes gy, float cell) {
+  const Lanes reach = all(kReach * cell);
+  Sums s;
+  LaneMask count{}, edges{};
+  for (int line = -kRadius; line <= kRadius; ++line) {
+    const auto dy = static_cast<float>(line);
+    const float* row = p.q.at(p.x, p.y + line);
+    const std::uint8_t* flags = p.flags + (line + kRadius) * p.flags_stride;
+    const Lanes across = centre + dy * gy;
+    Lanes n{}, x{}, xx{}, r{};
+    for (int column = -kRadius; column <= kRadius; ++column) {
+      const auto dx = static_cast<float>(column);
+      const Lanes value = load<Lanes>(row + column), off = value - (across + dx * gx);
+      const LaneMask agrees = absolute(off) <= reach;
+      const Lanes one = masked(agrees, all(1)), residual = masked(agrees, off);
+      count -= value == value, edges += agrees & load_bytes(flags + column);
+      n += one, x += dx * one, xx += dx * dx * one;
+      r += residual, s.xr += dx * residual, s.rr += residual * residual;
+    }
+    s.n += n, s.x += x, s.xx += xx, s.y += dy * n, s.xy += dy * x, s.yy += dy * dy * n;
+    s.r += r, s.yr += dy * r;
+  }
+  s.edges = __builtin_convertvector(edges, Lanes);
+  Planes planes;
+  solve(s, centre, cell, planes);
+  planes.count = __builtin_convertvector(count, Lanes);
+  return planes;
 }
 
 // Whether a cell within one and a half of q has all the certain bits of the pixel.
@@ -206,20 +284,6 @@ bool confirmed(float q, std::uint32_t code, std::uint32_t uncertain, const AxisR
   return false;
 }
 
-// A reading or the completion of one; nothing but the reason where it fails.
-struct Refined {
-  float q = kNaN, sigma = 0;
-  Reason reason = Reason::kAccepted;
-};
-
-Refined refine_reading(const Window& w, float read, float gx, float gy, float cell) {
-  const Plane plane = fit(w, read, gx, gy, cell);
-  if (plane.agree < 6 || plane.agree < 0.3 * w.count) return {.reason = Reason::kInconsistent};
-  // A line of pixels supports it but spans no plane: the reading stays.
-  if (plane.sigma <= 0) return {read, 0.29f * cell, Reason::kAccepted};
-  return {plane.value, plane.sigma, Reason::kAccepted};
-}
-
 // Whether q is within half a cell of an edge of the base bit: there light is half of both, whatever the bits combined
 // with it are.
 bool on_base_edge(float q, const AxisReading& reading) {
@@ -231,16 +295,20 @@ bool on_base_edge(float q, const AxisReading& reading) {
          1;
 }
 
-Refined complete(const Window& w, float gx, float gy, std::size_t i, const AxisReading& reading) {
-  const Refined rejected{.reason = Reason::kUncertainBit};
-  const bool edge = reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
-  if (!edge && 2 * std::popcount(reading.uncertain[i]) > reading.bits) return rejected;
-  const auto cell = static_cast<float>(reading.cell_px);
-  const Plane plane = fit(w, centre_of(w, gx, gy), gx, gy, cell);
-  if (plane.sigma <= 0 || plane.agree < 0.7 * w.count) return rejected;
-  if (edge && !on_base_edge(plane.value, reading)) return rejected;
-  if (!confirmed(plane.value, reading.code[i], reading.uncertain[i], reading)) return rejected;
-  return {plane.value, plane.sigma, Reason::kAccepted};
+// Whether the bit that others were shown in exclusive or with is in doubt, at its edge.
+bool at_base_edge(std::size_t i, const AxisReading& reading) {
+  return reading.base >= 0 && ((reading.uncertain[i] >> reading.base) & 1);
+}
+
+// Whether enough of a pixel's bits are certain to complete it.
+bool may_be_completed(std::size_t i, const AxisReading& reading) {
+  return at_base_edge(i, reading) || 2 * std::popcount(reading.uncertain[i]) <= reading.bits;
+}
+
+// Whether all certain bits of a pixel are those of q, which its neighbours say.
+bool completes(float q, std::size_t i, const AxisReading& reading) {
+  return (!at_base_edge(i, reading) || on_base_edge(q, reading)) &&
+         confirmed(q, reading.code[i], reading.uncertain[i], reading);
 }
 
 void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float gy) {
@@ -251,43 +319,207 @@ void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float g
 
 }  // namespace
 
-void refine_by_neighbours(AxisReading& reading) {
-  const Image raw = reading.q;
-  const Slopes slopes(raw);
-  const auto cell = static_cast<float>(reading.cell_px);
-  parallel_for(raw.height(), [&](int y) {
-    for (int x = 0; x < raw.width(); ++x) {
-      const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
-      const auto reason = static_cast<Reason>(reading.reason.data()[i]);
-      if (reason != Reason::kAccepted && reason != Reason::kUncertainBit) continue;
-      const Window w = window_at(raw, x, y);
-      float gx = 0, gy = 0;
-      const bool supported = w.count >= kFewest && slopes.of(w, x, y, gx, gy);
-      const bool read = reason == Reason::kAccepted;
-      const Refined refined = !supported ? Refined{.reason = read ? Reason::kIsolated : Reason::kUncertainBit}
-                              : read     ? refine_reading(w, raw.at(x, y), gx, gy, cell)
-                                         : complete(w, gx, gy, i, reading);
-      reading.q.data()[i] = refined.q;
-      reading.sigma.data()[i] = refined.sigma;
-      widen_by_surroundings(reading, x, y, gx, gy);
-      reading.reason.data()[i] = static_cast<std::uint8_t>(refined.reason);
+namespace {
+
+// Refines bands of rows of an axis, eight pixels at a time.
+class Refiner {
+ public:
+  explicit Refiner(AxisReading& reading)
+      : reading_(reading), q_(reading.q), slopes_(q_), cell_(static_cast<float>(reading.cell_px)) {}
+
+  void run() {
+    parallel_for((q_.height() + kBandRows - 1) / kBandRows, [&](int band) {
+      Band b(q_.width());
+      const int first = band * kBandRows, last = std::min(q_.height(), first + kBandRows);
+      for (int y = first - kRadius; y < last + kRadius; ++y) flag_edges(b, y - first + kRadius, y);
+      for (int line = 0; line < last - first; ++line) count_edges(b, line), find_brightest(b, line, first + line);
+      for (int y = first; y < last; y += kBlock)
+        for_lanes(q_.width(), [&](int x, auto count) { refine_block(b, x, y, y - first, count); });
+    });
+  }
+
+ private:
+  // Of the rows of a band and those around; x from -kLanes.
+  struct Band {
+    int stride;
+    std::vector<std::uint8_t> flags, edges, columns;  // a reading is a border; how many there are in a window, a column
+    std::vector<float> brightest, highest;            // contrast within two pixels; within two rows
+    explicit Band(int width)
+        : stride((width + kLanes - 1) / kLanes * kLanes + 2 * kLanes),
+          flags(static_cast<std::size_t>(stride) * (kBandRows + 2 * kRadius)),
+          edges(static_cast<std::size_t>(stride) * kBandRows),
+          columns(stride),
+          brightest(static_cast<std::size_t>(stride) * kBandRows),
+          highest(stride) {}
+    template <class T>
+    auto* at(T& rows, int x, int line) const {
+      return rows.data() + static_cast<std::ptrdiff_t>(stride) * line + kLanes + x;
     }
-  });
+  };
+  // Eight pixels: what is known of them before their windows are looked at. Slopes are their own where their block has
+  // none.
+  struct Eight {
+    LaneMask read{}, doubtful{};
+    Lanes centre{}, gx{}, gy{};
+  };
+
+  void flag_edges(Band& band, int line, int y) const {
+    const float half = 0.5f * (cell_ - 1), per_cell = 1 / cell_;
+    for (int x = 0; x < q_.width(); x += kLanes) {  // coordinates are beyond -1: truncation rounds
+      const Lanes in_cells = (load<Lanes>(q_.at(x, y)) - half) * per_cell;
+      const Lanes cells = __builtin_convertvector(__builtin_convertvector(in_cells + 0.5f, LaneMask), Lanes);
+      store_bytes((absolute(in_cells - cells) > 0.25f) & 1, band.at(band.flags, x, line));
+    }
+  }
+  void count_edges(Band& band, int line) const {
+    const std::uint8_t* flags = band.at(band.flags, -kLanes, line);
+    std::uint8_t *columns = band.columns.data(), *edges = band.at(band.edges, 0, line);
+    const int stride = band.stride, width = stride - 2 * kLanes;
+    for (int x = 0; x < stride; ++x)
+      columns[x] =
+          static_cast<std::uint8_t>(flags[x] + flags[x + stride] + flags[x + 2 * stride] + flags[x + 3 * stride] +
+                                    flags[x + 4 * stride] + flags[x + 5 * stride] + flags[x + 6 * stride]);
+    const std::uint8_t* c = columns + kLanes - kRadius;
+    for (int x = 0; x < width; ++x)
+      edges[x] = static_cast<std::uint8_t>(c[x] + c[x + 1] + c[x + 2] + c[x + 3] + c[x + 4] + c[x + 5] + c[x + 6]);
+  }
+  void find_brightest(Band& band, int line, int y) const {
+    const Image& contrast = reading_.contrast;
+    float *highest = band.at(band.highest, 0, 0), *brightest = band.at(band.brightest, 0, line);
+    for_lanes(q_.width(), [&](int x, auto count) {
+      Lanes most{};
+      for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
+        most = larger(load<Lanes>(contrast.row(ny) + x, count), most);
+      store(most, highest + x);
+    });
+    for (int x = 0; x < q_.width(); x += kLanes) {
+      Lanes most = load<Lanes>(highest + x);
+      for (const int dx : {-2, -1, 1, 2}) most = larger(load<Lanes>(highest + x + dx), most);
+      store(most, brightest + x);
+    }
+  }
+
+  template <class Count>
+  void refine_block(const Band& band, int x, int y, int line, Count count);
+  template <class Count>
+  void judge(const Eight& lanes, const Planes& planes, const float* brightest, int x, int y, Count count);
+  template <class Count>
+  Eight look(int x, int y, Lanes gx, Lanes gy, Count count) const;
+
+  AxisReading& reading_;
+  Field q_;
+  Slopes slopes_;
+  float cell_;
+};
+
+// Which of eight pixels are read or in doubt, where their windows are centred, and their slopes, given those of their
+// blocks. What has no support is left out of both.
+template <class Count>
+Refiner::Eight Refiner::look(int x, int y, Lanes gx, Lanes gy, Count count) const {
+  Eight lanes{.centre = load<Lanes>(q_.at(x, y)), .gx = gx, .gy = gy};
+  const LaneMask reasons = load_bytes(reading_.reason.row(y) + x, count), here = kLane < int{count};
+  lanes.read = here & (reasons == static_cast<int>(Reason::kAccepted));
+  const LaneMask unasked = lanes.read & ~((gx == gx) & (gy == gy));
+  LaneMask doubtful = here & (reasons == static_cast<int>(Reason::kUncertainBit));
+  if (!any(unasked | doubtful)) return lanes;
+  const std::size_t start = static_cast<std::size_t>(y) * q_.width() + x;
+  for (int i = 0; i < count; ++i) {
+    if (!unasked[i] && !(doubtful[i] && may_be_completed(start + i, reading_))) continue;
+    const Window w = window_at(q_, x + i, y);
+    float own_x = 0, own_y = 0;
+    const bool supported = w.count >= kFewest && slopes_.of(w, x + i, y, own_x, own_y);
+    if (unasked[i]) lanes.read[i] = supported ? -1 : 0;
+    if (!supported) continue;
+    lanes.gx[i] = own_x, lanes.gy[i] = own_y;
+    if (doubtful[i]) lanes.doubtful[i] = -1, lanes.centre[i] = centre_of(w, own_x, own_y);
+  }
+  return lanes;
+}
+
+// Two blocks of four rows: their windows share lines and slopes.
+template <class Count>
+void Refiner::refine_block(const Band& band, int x, int y, int line, Count count) {
+  const int rows = std::min(kBlock, q_.height() - y);
+  const int bx = x / kBlock;
+  static_assert(kLanes == 2 * kBlock);
+  const float *block_x = slopes_.x.row(y / kBlock) + bx, *block_y = slopes_.y.row(y / kBlock) + bx;
+  const Lanes gx = kLane < kBlock ? all(block_x[0]) : all(block_x[1]),
+              gy = kLane < kBlock ? all(block_y[0]) : all(block_y[1]);
+  std::array<Eight, kBlock> eights;
+  Lanes plane = all(kNaN);
+  LaneMask wanted{};
+  for (int row = 0; row < rows; ++row) {
+    eights[row] = look(x, y + row, gx, gy, count);
+    plane = plane == plane ? plane : eights[row].centre, wanted |= eights[row].read | eights[row].doubtful;
+  }
+  std::array<LineSums, kBlock + 2 * kRadius> lines;
+  if (any(wanted))
+    for (int i = 0; i < rows + 2 * kRadius; ++i)
+      lines[i] = LineSums(q_.at(x, y + i - kRadius), plane + static_cast<float>(i - kRadius) * gy, gx);
+  for (int row = 0; row < rows; ++row) {
+    const Eight& lanes = eights[row];
+    const LaneMask these = lanes.read | lanes.doubtful;
+    Planes planes;
+    const LaneMask reasons = load_bytes(reading_.reason.row(y + row) + x, count);
+    if (!any(these | (reasons == 0))) continue;  // nothing was read
+    if (any(these)) {
+      const Lanes edges = __builtin_convertvector(load_bytes(band.at(band.edges, x, line + row)), Lanes);
+      const Lanes above = plane + static_cast<float>(row) * gy;
+      const LaneMask whole = fit_whole(&lines[row], lanes.centre - above, edges, cell_, planes);
+      planes.value += above;
+      if (any(these & ~whole))
+        planes = fit_agreeing({q_, x, y + row, band.at(band.flags, x, line + row), band.stride}, lanes.centre, lanes.gx,
+                              lanes.gy, cell_);
+    }
+    judge(lanes, planes, band.at(band.brightest, x, line + row), x, y + row, count);
+  }
+}
+
+template <class Count>
+void Refiner::judge(const Eight& lanes, const Planes& planes, const float* brightest, int x, int y, Count count) {
+  std::uint8_t* reason = reading_.reason.row(y) + x;
+  const LaneMask supported = (planes.agree >= 6) & (planes.agree >= 0.3f * planes.count) & (planes.count >= kFewest);
+  const LaneMask spans = planes.sigma > 0;
+  // A line of pixels supports it but spans no plane: the reading stays.
+  Lanes value = spans ? planes.value : lanes.centre, error = spans ? planes.sigma : all(0.29f * cell_);
+  const auto here = load<Lanes>(reading_.contrast.row(y) + x, count);
+  const Lanes pull = 0.8f * larger(1 - 1.1f * here / load<Lanes>(brightest), Lanes{});
+  error = root(error * error + pull * pull * (lanes.gx * lanes.gx + lanes.gy * lanes.gy));
+  LaneMask accepted = lanes.read & supported;
+  if (any(~accepted)) {
+    const LaneMask candidates = lanes.doubtful & supported & spans & (planes.agree >= 0.7f * planes.count);
+    for (int i = 0; i < count; ++i) {
+      const std::size_t at = static_cast<std::size_t>(y) * q_.width() + x + i;
+      const auto why = static_cast<Reason>(reason[i]);
+      if (candidates[i] && completes(value[i], at, reading_)) accepted[i] = -1;
+      if (accepted[i])
+        reason[i] = static_cast<std::uint8_t>(Reason::kAccepted);
+      else if (why == Reason::kAccepted)
+        reason[i] = static_cast<std::uint8_t>(lanes.read[i] && planes.count[i] >= kFewest ? Reason::kInconsistent
+                                                                                          : Reason::kIsolated);
+    }
+  }
+  store(accepted ? value : all(kNaN), reading_.q.row(y) + x, count);
+  store(accepted ? error : all(kNaN), reading_.sigma.row(y) + x, count);
+}
+
+}  // namespace
+
+void refine_by_neighbours(AxisReading& reading) {
+  Refiner(reading).run();
 }
 
 namespace {
 
 // How many of a window's readings agree with one at its centre.
 int agreeing(const Window& w, float centre, float gx, float gy, float reach) {
-  const Row across = all(centre) + gx * kColumn;
-  RowMask agree{};
+  const Lanes across = all(centre) + gx * kColumn;
+  LaneMask agree{};
   for (int line = 0; line < kSide; ++line) {
-    const Row off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
+    const Lanes off = w.rows[line] - (across + static_cast<float>(line - kRadius) * gy);
     agree += (off <= reach) & (off >= -reach);  // -1 each
   }
-  int count = 0;
-  for (int i = 0; i < kStride; ++i) count -= agree[i];
-  return count;
+  return count_of(agree);
 }
 
 }  // namespace
@@ -297,14 +529,15 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
   Image judges = raw;  // doubtful readings judge only where there are hardly others
   for (std::size_t i = 0; i < judges.data().size(); ++i)
     if (reading.reason.data()[i]) judges.data()[i] = kNaN;
-  const Slopes slopes(judges);
+  const Field field(raw), judging(judges);
+  const Slopes slopes(judging);
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
       if (!std::isfinite(raw.data()[i])) continue;
       const bool certain = std::isfinite(judges.data()[i]);
-      Window w = window_at(judges, x, y);
-      if (w.count < 2 * kFewest) w = window_at(raw, x, y);
+      Window w = window_at(judging, x, y);
+      if (w.count < 2 * kFewest) w = window_at(field, x, y);
       Reason why = Reason::kIsolated;
       float gx = 0, gy = 0;
       if (w.count >= kFewest && slopes.of(w, x, y, gx, gy)) {

@@ -2,8 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Dense>
 #include <cmath>
 
+#include "calib/base/random.h"
 #include "capture/pattern/pattern.h"
 
 namespace countershade::capture {
@@ -16,15 +18,15 @@ double truth(int x, int y) {
 }
 
 // A plane as an axis of 200 pixels with 8 bits is read of it, without error.
-AxisReading plane() {
+AxisReading plane(int width = kWidth) {
   AxisReading reading;
   reading.bits = 8, reading.length_px = 200;
-  reading.q = Image(kWidth, kHeight, 1);
-  reading.contrast = Image(kWidth, kHeight, 1, 0.5f);
-  reading.sigma = Image(kWidth, kHeight, 1);
-  reading.reason = Mask(kWidth, kHeight, 1);
+  reading.q = Image(width, kHeight, 1);
+  reading.contrast = Image(width, kHeight, 1, 0.5f);
+  reading.sigma = Image(width, kHeight, 1);
+  reading.reason = Mask(width, kHeight, 1);
   for (int y = 0; y < kHeight; ++y)
-    for (int x = 0; x < kWidth; ++x) {
+    for (int x = 0; x < width; ++x) {
       reading.q.at(x, y) = static_cast<float>(std::round(truth(x, y)));
       reading.code.push_back(gray_from_binary(static_cast<unsigned>(std::lround(truth(x, y)))));
     }
@@ -53,6 +55,60 @@ TEST(RefineByNeighbours, AveragesRoundingAwayUpToTheBorder) {
       EXPECT_NEAR(reading.q.at(x, y), truth(x, y), 0.35);
       EXPECT_GT(reading.sigma.at(x, y), 0.019);
     }
+}
+
+// Least squares over what a window holds, at its centre.
+double plane_at(const AxisReading& reading, const Image& q, int x, int y) {
+  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
+  Eigen::Vector3d b = Eigen::Vector3d::Zero();
+  for (int ny = std::max(0, y - 3); ny <= std::min(q.height() - 1, y + 3); ++ny)
+    for (int nx = std::max(0, x - 3); nx <= std::min(q.width() - 1, x + 3); ++nx) {
+      if (std::isnan(q.at(nx, ny))) continue;
+      const Eigen::Vector3d at(1, nx - x, ny - y);
+      A += at * at.transpose(), b += at * (q.at(nx, ny) - 50.0);
+    }
+  EXPECT_EQ(reading.cell_px, 1);
+  return 50 + A.ldlt().solve(b)[0];
+}
+
+// Whole windows, windows at the border and windows with holes; widths that vectors of eight and blocks of four divide
+// and do not divide.
+TEST(RefineByNeighbours, IsTheLeastSquaresPlaneOfTheReadingsThatAreThere) {
+  for (const int width : {40, 37, 22, 7})
+    for (const double missing : {0.0, 0.02, 0.3}) {
+      AxisReading reading = plane(width);
+      Random random(hash_name("holes") + static_cast<std::uint64_t>(width));
+      for (std::size_t i = 0; i < reading.q.data().size(); ++i)
+        if (random.uniform() < missing)
+          reading.q.data()[i] = NAN, reading.reason.data()[i] = static_cast<std::uint8_t>(Reason::kDark);
+      const Image raw = reading.q;
+      refine_by_neighbours(reading);
+      for (int y = 0; y < kHeight; ++y)
+        for (int x = 0; x < width; ++x) {
+          ASSERT_EQ(std::isnan(reading.q.at(x, y)), std::isnan(raw.at(x, y))) << width << " " << x << " " << y;
+          // Single precision.
+          if (!std::isnan(raw.at(x, y))) {
+            ASSERT_NEAR(reading.q.at(x, y), plane_at(reading, raw, x, y), 1e-3);
+          }
+        }
+    }
+}
+
+TEST(RefineByNeighbours, LeavesALineOfPixelsThatSpansNoPlane) {
+  AxisReading reading = plane();
+  for (int y = 0; y < kHeight; ++y)
+    for (int x = 0; x < kWidth; ++x) {
+      if (y == 4 || y == 10) reading.q.at(x, y) += 100;  // a window's first and last line: they do not agree
+      if (y == 4 || y == 7 || y == 10) continue;
+      reading.q.at(x, y) = NAN, reading.reason.at(x, y) = static_cast<std::uint8_t>(Reason::kDark);
+    }
+  const Image raw = reading.q;
+  refine_by_neighbours(reading);
+  for (int x = 3; x < kWidth - 3; ++x) {
+    ASSERT_EQ(reason_at(reading, x, 7), Reason::kAccepted) << "seven of 21 agree";
+    EXPECT_EQ(reading.q.at(x, 7), raw.at(x, 7));
+    EXPECT_FLOAT_EQ(reading.sigma.at(x, 7), 0.29f);
+  }
 }
 
 TEST(RefineByNeighbours, CompletesAPixelOnlyIfItsCertainBitsAgree) {

@@ -41,6 +41,7 @@ Result<Study> sim_speed(const StudyContext& context);
 Result<Study> sim_truth(const StudyContext& context);
 Result<Study> decode_hard(const StudyContext& context);
 Result<Study> decode_economy(const StudyContext& context);
+Result<Study> decode_speed(const StudyContext& context);
 Result<Study> pre_scan(const StudyContext& context);
 Result<Study> lens_calibration(const StudyContext& context);
 
