@@ -111,6 +111,14 @@ TEST_P(ArrivingCode, IsReadAlikeInWhateverOrderItsPhotosArrive) {
   expect_same(decoded(sequence, photos, order, as_light), best, 0);  // floats come in several passes
   std::reverse(order.begin(), order.end());
   expect_same(decoded(sequence, photos, order, as_light), best, 0);
+  // Levels, then coarse bits of both axes, which fill a pass but have to wait for the fine ones.
+  order = decoder->frames();
+  std::reverse(order.begin() + 4, order.end());
+  std::stable_partition(order.begin() + 4, order.end(), [&](int frame) {
+    const Role& role = sequence.frames[frame].role;
+    return role.kind == "gray" && role.bit >= 4;
+  });
+  expect_same(decoded(sequence, photos, order, as_light), best, 0);
 }
 
 TEST_P(ArrivingCode, IsReadAlikeFromBytesWordsAndFloats) {
