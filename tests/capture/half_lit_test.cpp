@@ -67,8 +67,8 @@ TEST(HalfLit, AReadingThatThePlaneContradictsStays) {
   EXPECT_NEAR(reading.q.at(20, 14), truth(20, 14) + 12 - 0.8, 0.2);
 }
 
-// Half the light is missing on the dark side, so a pixel is pulled to the other one: when the plane would push it farther
-// there, a seam lies between.
+// Half the light is missing on the dark side, so a pixel is pulled to the other one: when the plane would push it
+// farther there, a seam lies between.
 TEST(HalfLit, APlaneThatPushesInwardIsAnotherSurfaces) {
   AxisReading reading = wall();
   for (int y = 0; y < 30; ++y) reading.q.at(20, y) += 1.8f;
