@@ -1,6 +1,10 @@
 #include "capture/pattern/held_out.h"
 
+#include <Eigen/Dense>
+#include <algorithm>
 #include <cmath>
+#include <limits>
+#include <span>
 
 #include "capture/pattern/pattern.h"
 
@@ -68,6 +72,112 @@ Result<std::vector<CodeAudit>> audit_codes(const Sequence& sequence, const Photo
     audits.push_back(audit);
   }
   return audits;
+}
+
+namespace {
+
+constexpr int kSmooth = 2;  // half width of the window, px
+
+// Means over windows; a window that leaves the image or touches what is no number has none.
+Image smoothed(const Image& image) {
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN(), kShare = 1.0f / (2 * kSmooth + 1);
+  Image rows(image.width(), image.height(), 1, kNaN), all = rows;
+  for (int y = 0; y < image.height(); ++y)
+    for (int x = kSmooth; x + kSmooth < image.width(); ++x) {
+      float sum = 0;
+      for (int k = -kSmooth; k <= kSmooth; ++k) sum += image.at(x + k, y);
+      rows.at(x, y) = sum * kShare;
+    }
+  for (int y = kSmooth; y + kSmooth < image.height(); ++y)
+    for (int x = 0; x < image.width(); ++x) {
+      float sum = 0;
+      for (int k = -kSmooth; k <= kSmooth; ++k) sum += rows.at(x, y + k);
+      all.at(x, y) = sum * kShare;
+    }
+  return all;
+}
+
+// Adds `weight` times a photo's channel; what is saturated becomes no number.
+Result<void> add_photo(const PhotoSource& photos, int index, int channel, float weight, Image& sum) {
+  CS_TRY(const Photo photo, photos(index));
+  const int channels = photo.value.channels(), c = channels == 1 ? 0 : channel;
+  if (sum.empty()) sum = Image(photo.value.width(), photo.value.height(), 1);
+  if (!sum.same_size(photo.value.width(), photo.value.height()))
+    return error(ErrorCode::kBadFile, "photo {:04} is {} x {} pixels, the others are {} x {}", index,
+                 photo.value.width(), photo.value.height(), sum.width(), sum.height());
+  for (std::size_t i = 0; i < sum.data().size(); ++i)
+    sum.data()[i] = photo.valid.data()[i] ? sum.data()[i] + weight * photo.value.data()[i * channels + c]
+                                          : std::numeric_limits<float>::quiet_NaN();
+  return {};
+}
+
+// Frames of white, one per projector, and one of black; empty where one is missing.
+std::vector<int> levels_of(const Sequence& sequence) {
+  std::vector<int> whites;
+  int black = -1;
+  for (const auto& [id, size] : sequence.projectors) {
+    const auto white = std::find_if(sequence.frames.begin(), sequence.frames.end(), [&](const Frame& f) {
+      return f.role.kind == "white" &&
+             (f.role.projector == id || (f.role.projector.empty() && sequence.projectors.size() == 1));
+    });
+    if (white == sequence.frames.end()) return {};
+    whites.push_back(white->index);
+  }
+  for (const Frame& f : sequence.frames)
+    if (black < 0 && f.role.kind == "black") black = f.index;
+  if (black < 0) return {};
+  whites.push_back(black);
+  return whites;
+}
+
+std::optional<ViewShift> fit_shift(const Image& reference, const Image& later) {
+  Eigen::Matrix4d A = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d g = Eigen::Vector4d::Zero();
+  double squares = 0, count = 0;
+  for (int y = 1; y + 1 < reference.height(); ++y)
+    for (int x = 1; x + 1 < reference.width(); ++x) {
+      const float r = reference.at(x, y), s = later.at(x, y);
+      const Eigen::Vector4d j(r, 1, -(reference.at(x + 1, y) - reference.at(x - 1, y)) / 2,
+                              -(reference.at(x, y + 1) - reference.at(x, y - 1)) / 2);
+      if (!j.allFinite() || !std::isfinite(s)) continue;
+      A += j * j.transpose(), g += s * j, squares += static_cast<double>(s) * s, count += 1;
+    }
+  const Eigen::FullPivLU<Eigen::Matrix4d> solver(A);
+  if (count < 1000 || !solver.isInvertible()) return std::nullopt;
+  const Eigen::Vector4d fitted = solver.solve(g);
+  const Eigen::Matrix4d inverse = solver.inverse();
+  const double scale = fitted[0];
+  if (!(scale > 0)) return std::nullopt;
+  // A smoothed pixel shares its noise with a window of others.
+  const double variance = std::max(0.0, squares - fitted.dot(g)) / count * std::pow(2 * kSmooth + 1, 2);
+  ViewShift shift{fitted[2] / scale, fitted[3] / scale, 0};
+  shift.sigma = std::sqrt(std::max(inverse(2, 2), inverse(3, 3)) * variance) / scale;
+  return shift;
+}
+
+}  // namespace
+
+double ViewShift::length() const {
+  return std::hypot(x, y);
+}
+
+bool ViewShift::moved() const {
+  return length() > std::max(kMostViewShift, 5 * sigma);
+}
+
+Result<std::optional<ViewShift>> shift_of_view(const Sequence& sequence, const PhotoSource& photos) {
+  const Frame *plain = blocks_of(sequence, false), *inverse = blocks_of(sequence, true);
+  const std::vector<int> levels = levels_of(sequence);
+  if (!plain || !inverse || plain->role.channel != inverse->role.channel || levels.empty())
+    return std::optional<ViewShift>();
+  const int channel = plain->role.channel == "r" ? 0 : plain->role.channel == "b" ? 2 : 1;
+  Image reference, later;
+  for (int white : std::span(levels).first(levels.size() - 1))
+    CS_TRY_VOID(add_photo(photos, white, channel, 1, reference));
+  CS_TRY_VOID(add_photo(photos, levels.back(), channel, -static_cast<float>(levels.size() - 1), reference));
+  for (const Frame* blocks : {plain, inverse}) CS_TRY_VOID(add_photo(photos, blocks->index, channel, 1, later));
+  CS_TRY_VOID(add_photo(photos, levels.back(), channel, -2, later));
+  return fit_shift(smoothed(reference), smoothed(later));
 }
 
 }  // namespace countershade::capture

@@ -64,6 +64,13 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
           "reasons picture, and capture again with --code xor-04",
           summary.decoded[q].projector, 100 * audits[q].wrong(), 100 * kMostWrong));
   }
+  CS_TRY(const std::optional<capture::ViewShift> shift, capture::shift_of_view(session.sequence(), photos));
+  if (shift && shift->moved())
+    summary.notes.push_back(fmt::format(
+        "camera '{}': its view moved by {:.2f} +- {:.2f} px between the white frames and the block patterns (bound {} "
+        "px): the code and the light belong to different places; fasten the camera and what stands in the room, and "
+        "capture again",
+        camera.id, shift->length(), shift->sigma, capture::kMostViewShift));
   summary.notes.insert(summary.notes.end(), findings.begin(), findings.end());
   return all;
 }
