@@ -15,6 +15,9 @@ namespace {
 constexpr int kMargin = 2;       // px: position may be off by as much, and blur reaches as far
 constexpr float kClear = 0.25f;  // of the light of both: below, indirect light may have decided
 
+constexpr float kDirect = 0.5f;   // ... and where indirect light could not have done it
+constexpr float kBright = 0.05f;  // of the brightest: what is less is hardly lit
+
 // Complementary frames of one colour, of all projectors together; the green ones where there are several.
 const Frame* blocks_of(const Sequence& sequence, bool inverse) {
   const Frame* found = nullptr;
@@ -74,27 +77,63 @@ Result<std::vector<CodeAudit>> audit_codes(const Sequence& sequence, const Photo
   return audits;
 }
 
+Result<Unread> unread_pixels(const Sequence& sequence, const PhotoSource& photos,
+                             const std::vector<Correspondence>& decoded) {
+  Unread found;
+  const Frame *plain = blocks_of(sequence, false), *inverse = blocks_of(sequence, true);
+  if (!plain || !inverse || plain->role.channel != inverse->role.channel || decoded.empty()) return found;
+  CS_TRY(const Photo one, photos(plain->index));
+  CS_TRY(const Photo other, photos(inverse->index));
+  const int channel = plain->role.channel == "r" ? 0 : plain->role.channel == "b" ? 2 : 1;
+  const int channels = one.value.channels(), seen = channels == 1 ? 0 : channel;
+  std::vector<float> light;
+  for (std::size_t i = 0; i < one.value.pixels(); ++i)
+    light.push_back(one.value.data()[i * channels + seen] + other.value.data()[i * channels + seen]);
+  std::vector<float> sorted = light;
+  const auto nth = sorted.begin() + static_cast<std::ptrdiff_t>(0.99 * static_cast<double>(sorted.size() - 1));
+  std::nth_element(sorted.begin(), nth, sorted.end());
+  for (std::size_t i = 0; i < light.size(); ++i) {
+    const float a = one.value.data()[i * channels + seen], b = other.value.data()[i * channels + seen];
+    if (!one.valid.data()[i] || !other.valid.data()[i] || light[i] < kBright * *nth) continue;
+    if (std::abs(a - b) < kDirect * light[i]) continue;
+    ++found.clear;
+    found.unread +=
+        std::none_of(decoded.begin(), decoded.end(), [&](const Correspondence& c) { return c.reason.data()[i] == 0; });
+  }
+  return found;
+}
+
 namespace {
 
+constexpr int kWide = 12;   // the same of what counts as smooth light
 constexpr int kSmooth = 2;  // half width of the window, px
 
-// Means over windows; a window that leaves the image or touches what is no number has none.
-Image smoothed(const Image& image) {
-  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN(), kShare = 1.0f / (2 * kSmooth + 1);
+// Means over windows of that half width; one that leaves the image or touches what is no number has none.
+Image smoothed(const Image& image, int half) {
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  const float share = 1.0f / static_cast<float>(2 * half + 1);
   Image rows(image.width(), image.height(), 1, kNaN), all = rows;
   for (int y = 0; y < image.height(); ++y)
-    for (int x = kSmooth; x + kSmooth < image.width(); ++x) {
+    for (int x = half; x + half < image.width(); ++x) {
       float sum = 0;
-      for (int k = -kSmooth; k <= kSmooth; ++k) sum += image.at(x + k, y);
-      rows.at(x, y) = sum * kShare;
+      for (int k = -half; k <= half; ++k) sum += image.at(x + k, y);
+      rows.at(x, y) = sum * share;
     }
-  for (int y = kSmooth; y + kSmooth < image.height(); ++y)
+  for (int y = half; y + half < image.height(); ++y)
     for (int x = 0; x < image.width(); ++x) {
       float sum = 0;
-      for (int k = -kSmooth; k <= kSmooth; ++k) sum += rows.at(x, y + k);
-      all.at(x, y) = sum * kShare;
+      for (int k = -half; k <= half; ++k) sum += rows.at(x, y + k);
+      all.at(x, y) = sum * share;
     }
   return all;
+}
+
+// Edges without noise and without smooth light, which a lamp may have added.
+Image edges_of(const Image& image) {
+  Image edges = smoothed(image, kSmooth);
+  const Image wide = smoothed(image, kWide);
+  for (std::size_t i = 0; i < edges.data().size(); ++i) edges.data()[i] -= wide.data()[i];
+  return edges;
 }
 
 // Adds `weight` times a photo's channel; what is saturated becomes no number.
@@ -177,7 +216,7 @@ Result<std::optional<ViewShift>> shift_of_view(const Sequence& sequence, const P
   CS_TRY_VOID(add_photo(photos, levels.back(), channel, -static_cast<float>(levels.size() - 1), reference));
   for (const Frame* blocks : {plain, inverse}) CS_TRY_VOID(add_photo(photos, blocks->index, channel, 1, later));
   CS_TRY_VOID(add_photo(photos, levels.back(), channel, -2, later));
-  return fit_shift(smoothed(reference), smoothed(later));
+  return fit_shift(edges_of(reference), edges_of(later));
 }
 
 }  // namespace countershade::capture
