@@ -111,7 +111,8 @@ struct SimulatedProjector {
   double defocus_sigma_px = 0.5;
   double latency_ms = 0;  // from show() to light, rounded up to the next refresh
   // What a better projector does not do; off by default.
-  std::array<double, 5> distortion{0, 0, 0, 0, 0};                 // Brown-Conrady k1 k2 p1 p2 k3
+  double aperture_mm = 0, focus_distance = 3;       // of a thin lens: blur beside the focal plane, m along the axis
+  std::array<double, 5> distortion{0, 0, 0, 0, 0};  // Brown-Conrady k1 k2 p1 p2 k3
   std::vector<double> response_r{}, response_g{}, response_b{};    // light at equally spaced values; empty = gamma
   std::array<double, 9> colour_mixing{1, 0, 0, 0, 1, 0, 0, 0, 1};  // row by row: light <- light of the primaries
   double white_segment = 0;                                        // how much brighter grey is shown; white stays 1

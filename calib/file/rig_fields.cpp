@@ -259,6 +259,8 @@ Fields fields_of(SimulatedProjector& p) {
       {"falloff", &p.falloff, between(0, 0.95), "loss at the picture's corner, fraction"},
       {"defocus_sigma_px", &p.defocus_sigma_px, between(0, 20), "blur [px]"},
       {"latency_ms", &p.latency_ms, between(0, 1e4), "from sending a picture to its light [ms]"},
+      {"aperture_mm", &p.aperture_mm, seldom(between(0, 500)), "its lens blurs beside its focal plane; 0 = nowhere"},
+      {"focus_distance", &p.focus_distance, seldom(more_than(0, kFar)), "of that plane along the axis [m]"},
       {"distortion", &p.distortion, seldom(between(-10, 10)), "Brown-Conrady k1, k2, p1, p2, k3"},
       {"response_r", &p.response_r, between(0, 1), "light of red at equally spaced values, 2 or more", "gamma",
        "[0.0, 0.2, 1.0]"},

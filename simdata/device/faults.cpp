@@ -86,6 +86,8 @@ const std::vector<FaultKind>& fault_kinds() {
       {"person-walks-in", "share of width", 0.12, 0.01, 1, 30, "somebody crosses the picture during 15 photos"},
       {"camera-bumped", "mm", 6, 0.01, 1000, 50, "somebody pushes the tripod aside"},
       {"camera-turned", "degrees", 0.1, 0.0001, 30, 50, "somebody touches the camera: it looks elsewhere"},
+      {"camera-shaken", "degrees rms", 0.02, 0.0001, 5, 0, "the tripod trembles: every photo looks elsewhere"},
+      {"camera-drifts", "degrees per photo", 0.002, 0.00001, 1, 0, "the camera's mount gives way, evenly"},
       {"defocus", "camera px, sigma", 2, 0.1, 50, 0, "the camera's lens is out of focus"},
       {"glare", "share of the mean", 0.05, 0.0001, 1, 0, "veiling glare: the frame's mean light lies over it"},
       {"dust", "specks", 25, 1, 10000, 0, "dust on the sensor: dark spots that stay"},
@@ -142,6 +144,13 @@ double Faults::value(std::uint64_t photo, const char* name) const {
   return sum;
 }
 
+std::uint64_t Faults::acted(std::uint64_t photo, const char* name) const {
+  std::uint64_t photos = 0;
+  for (const Fault& f : faults_)
+    if (photo >= f.photo && std::string_view(f.kind->name) == name) photos = std::max(photos, photo - f.photo + 1);
+  return photos;
+}
+
 bool Faults::at(std::uint64_t photo, const char* name) const {
   return std::any_of(faults_.begin(), faults_.end(),
                      [&](const Fault& f) { return photo == f.photo && std::string_view(f.kind->name) == name; });
@@ -149,8 +158,12 @@ bool Faults::at(std::uint64_t photo, const char* name) const {
 
 std::uint64_t Faults::acting(std::uint64_t photo) const {
   std::uint64_t bits = 0;
-  for (std::size_t i = 0; i < faults_.size(); ++i)
-    if (photo >= faults_[i].photo) bits = mix(bits ^ (i + 1));
+  for (std::size_t i = 0; i < faults_.size(); ++i) {
+    if (photo < faults_[i].photo) continue;
+    const std::string_view name = faults_[i].kind->name;
+    bits = mix(bits ^ (i + 1));
+    if (name == "camera-shaken" || name == "camera-drifts") bits = mix(bits ^ mix(photo));  // other in every photo
+  }
   return bits;
 }
 
@@ -159,11 +172,17 @@ int Faults::dropped(std::uint64_t photo) const {
 }
 
 std::optional<Pose> Faults::camera_move(std::uint64_t photo) const {
-  const double mm = value(photo, "camera-bumped"), degrees = value(photo, "camera-turned");
-  if (mm == 0 && degrees == 0) return std::nullopt;
-  // To the right and a little down, about an axis that is neither upright nor level.
-  const double angle = degrees * std::numbers::pi / 180;
-  return Pose{rotation_from_vector(angle * Eigen::Vector3d(0.6, 0.8, 0)), -1e-3 * mm * Eigen::Vector3d(0.8, 0.6, 0)};
+  const double mm = value(photo, "camera-bumped"), turned = value(photo, "camera-turned");
+  const double shaken = value(photo, "camera-shaken"), drifts = value(photo, "camera-drifts");
+  if (mm == 0 && turned == 0 && shaken == 0 && drifts == 0) return std::nullopt;
+  // To the right and a little down, about axes that are neither upright nor level.
+  Eigen::Vector3d degrees = turned * Eigen::Vector3d(0.6, 0.8, 0);
+  Random random(mix(seed_ ^ hash_name("camera-shaken")) ^ mix(photo));
+  const double nods = random.normal(), turns = random.normal();
+  degrees += shaken * Eigen::Vector3d(0.6 * nods, 0.8 * turns, 0);
+  if (drifts > 0)
+    degrees += drifts * static_cast<double>(acted(photo, "camera-drifts")) * Eigen::Vector3d(0.8, -0.6, 0);
+  return Pose{rotation_from_vector(std::numbers::pi / 180 * degrees), -1e-3 * mm * Eigen::Vector3d(0.8, 0.6, 0)};
 }
 
 std::vector<Picture> Faults::emitted(std::vector<Picture> pictures, std::uint64_t photo) const {

@@ -62,6 +62,8 @@ class Faults {
  private:
   // Value of a fault that acts on the photo, else 0.
   double value(std::uint64_t photo, const char* name) const;
+  // Photos up to this one that a fault has acted on.
+  std::uint64_t acted(std::uint64_t photo, const char* name) const;
   // Whether a fault of single photos acts on exactly this one.
   bool at(std::uint64_t photo, const char* name) const;
 

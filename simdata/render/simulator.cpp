@@ -15,8 +15,14 @@ namespace countershade::simdata {
 
 namespace {
 
-// Mean distance from a projector to the surfaces it lights; 0 when it lights none.
-double working_distance(const Device& projector, const Scene& scene) {
+// Where a projector's picture meets surfaces.
+struct Throw {
+  double distance = 0;                        // mean; 0 when it lights none
+  std::array<double, 2> depths{HUGE_VAL, 0};  // nearest and farthest, along its axis
+};
+
+Throw throw_of(const Device& projector, const Scene& scene) {
+  Throw found;
   double sum = 0;
   int count = 0;
   for (int j = 0; j < 9; ++j)
@@ -25,10 +31,17 @@ double working_distance(const Device& projector, const Scene& scene) {
                                   (j + 0.5) / 9 * projector.lens.height() - 0.5);
       const Ray ray = projector.ray(pixel);
       const SceneHit hit = scene.look(ray);
-      if (hit.at.surface >= 0 && (hit.front || scene.transmission(hit.at.surface) > 0))
-        sum += (hit.at.x - ray.origin).norm(), ++count;
+      if (hit.at.surface < 0 || !(hit.front || scene.transmission(hit.at.surface) > 0)) continue;
+      sum += (hit.at.x - ray.origin).norm(), ++count;
+      const double depth = (projector.device_from_world * hit.at.x).z();
+      found.depths = {std::min(found.depths[0], depth), std::max(found.depths[1], depth)};
     }
-  return count > 0 ? sum / count : 0;
+  if (count == 0) return found;
+  found.distance = sum / count;
+  // The picture's rim lies half a step beyond the outermost rays.
+  const double beyond = (found.depths[1] - found.depths[0]) / 8;
+  found.depths = {std::max(found.depths[0] - beyond, 0.5 * found.depths[0]), found.depths[1] + beyond};
+  return found;
 }
 
 const SimulatedCamera& camera_of(const Simulation& simulation, const std::string& id) {
@@ -84,15 +97,15 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
   double power = 0;
   for (const ProjectorSpec& spec : rig.projectors) {
     CS_TRY(const Device device, true_projector(simulation, rig, spec.id));
-    const double distance = working_distance(device, *state->scene);
-    if (!(distance > 0))
+    const Throw thrown = throw_of(device, *state->scene);
+    if (!(thrown.distance > 0))
       return error(ErrorCode::kBadValue,
                    "simulated projector '{}' lights no surface's lit side; turn its target to one, or turn the surface "
                    "round (along_u leads right as seen from the lit side, faces of a mesh run anticlockwise, and "
                    "mesh_scale = 0.001 is for files in millimetres)",
                    spec.id);
-    state->emitters.emplace_back(projector_of(simulation, spec.id), device, simulation.block_px);
-    if (power == 0) power = state->emitters.front().power_for(distance);
+    state->emitters.emplace_back(projector_of(simulation, spec.id), device, simulation.block_px, thrown.depths);
+    if (power == 0) power = state->emitters.front().power_for(thrown.distance);
     state->emitters.back().set_power(power);
     white.emplace_back(spec.resolution[0], spec.resolution[1], 3, 65535);
   }

@@ -23,7 +23,8 @@ struct PathTracer {
     for (std::size_t q = 0; q < emitters.size(); ++q)
       if (const auto beam = emitters[q].beam(scene, at, emitters[q].margin())) {
         const double lobe = beam->from_behind ? paint.evenly_lit(at, out) : paint.lobe(at, beam->to_projector, out);
-        const Light4 sent = light[q].at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()));
+        const Light4 sent = light[q].at(static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
+                                        static_cast<float>(beam->level));
         sum += lobe * beam->irradiance * sent.head<3>().cast<double>();
       }
     return sum;

@@ -87,11 +87,12 @@ void View::sample_beams(int y, std::uint16_t column, const Traced& traced, const
       const double lobe =
           beam->from_behind ? paint_.evenly_lit(at, to_camera) : paint_.lobe(at, beam->to_projector, to_camera);
       beams_[p][y].push_back({static_cast<float>(beam->pixel.x()), static_cast<float>(beam->pixel.y()),
-                              static_cast<float>(factor * lobe * beam->irradiance), column, surface});
+                              static_cast<float>(beam->level), static_cast<float>(factor * lobe * beam->irradiance),
+                              column, surface});
     }
   if (const double daylight = paint_.daylight(at); daylight > 0)
     beams_.back()[y].push_back(
-        {0, 0, static_cast<float>(factor * daylight * paint_.evenly_lit(at, to_camera)), column, surface});
+        {0, 0, 0, static_cast<float>(factor * daylight * paint_.evenly_lit(at, to_camera)), column, surface});
 }
 
 void View::sample_wall(int y, std::uint16_t column, const Traced& traced, const Seen& seen) {
@@ -120,7 +121,8 @@ void View::write_row(Image& image, int y, const std::vector<Light4>& row) const 
 void View::add_direct(int y, std::span<const PictureLight> light, const IndirectLight& indirect,
                       std::vector<Light4>& row) const {
   for (std::size_t p = 0; p < light.size(); ++p)
-    for (const BeamSample& s : beams_[p][y]) row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y);
+    for (const BeamSample& s : beams_[p][y])
+      row[s.column] += base_[s.surface] * s.factor * light[p].at(s.x, s.y, s.level);
   for (const BeamSample& s : beams_.back()[y]) row[s.column] += base_[s.surface] * s.factor;
   if (ambient_ > 0)
     for (const WallSample& w : walls_[y]) {

@@ -34,7 +34,7 @@ class View {
 
  private:
   struct BeamSample {  // one subsample that one projector, or daylight, lights
-    float x, y, factor;
+    float x, y, level, factor;
     std::uint16_t column, surface;
   };
   struct WallSample {  // one surface seen by one pixel; surface = kNone: the surround

@@ -66,6 +66,49 @@ TEST(SweepVerdict, AComplaintAboutARightShowIsAFalseAlarm) {
   EXPECT_EQ(judge(p, kBounds), PointVerdict::kFalseAlarm);
 }
 
+// A decoded code, of which the program prints what is so.
+SweepPoint decoded(double accepted, double wrong) {
+  SweepPoint p;
+  p.series = "one";
+  Decoding& d = p.decoding.emplace();
+  d.accepted_percent = d.printed_percent = accepted, d.forecast_percent = 99;
+  d.wrong_percent = wrong, d.z = 1;
+  return p;
+}
+
+TEST(SweepVerdict, DecodingIsRightWithFewWrongAmongManyAccepted) {
+  EXPECT_EQ(judge(decoded(90, 0.2), kBounds), PointVerdict::kRight);  // the bounds themselves are within
+  EXPECT_EQ(judge(decoded(95, 0.21), kBounds), PointVerdict::kSilent);
+  SweepPoint blind = decoded(95, 0.1);
+  blind.decoding->z = 3.1;
+  EXPECT_EQ(judge(blind, kBounds), PointVerdict::kSilent);
+  SweepPoint hidden = decoded(89, 0.1);
+  hidden.decoding->printed_percent = 99;  // what was lost is not among what it takes for lit
+  EXPECT_EQ(judge(hidden, kBounds), PointVerdict::kSilent);
+  EXPECT_FALSE(judge(std::vector<SweepPoint>{hidden}, kBounds).ok());
+  EXPECT_EQ(judge(decoded(kUnknown, kUnknown), kBounds), PointVerdict::kSilent);
+}
+
+TEST(SweepVerdict, PrintedSharesOfDecodedPixelsAreComplaintsBelowTheirBound) {
+  EXPECT_EQ(judge(decoded(89, 0.1), kBounds), PointVerdict::kSaidSo);
+  EXPECT_EQ(said(decoded(89, 0.1), kBounds), Said::kFew);
+  SweepPoint forecast = decoded(95, 0.1);
+  forecast.decoding->forecast_percent = 80;
+  EXPECT_EQ(judge(forecast, kBounds), PointVerdict::kFalseAlarm);
+  SweepPoint told = decoded(95, 5);
+  told.calibrate = "something moved", told.notes = "taking it again";
+  EXPECT_EQ(said(told, kBounds), Said::kCalibrate);
+  EXPECT_EQ(judge(told, kBounds), PointVerdict::kSaidSo);
+  told.refusal = "no";
+  EXPECT_EQ(judge(told, kBounds), PointVerdict::kRefused);
+}
+
+TEST(SweepVerdict, WorstSilentDecodingIsCountedInWrongPixels) {
+  const SweepVerdict v = judge(std::vector<SweepPoint>{decoded(99, 0.7), decoded(99, 3)}, kBounds);
+  EXPECT_DOUBLE_EQ(v.worst_silent_percent, 3);
+  EXPECT_THAT(text_of(v), HasSubstr("2 wrong in silence (up to 3.00 % wrong pixels)"));
+}
+
 TEST(SweepVerdict, AResidualThatIsNoNumberIsNotWithinTheBound) {
   SweepPoint p = shown(0.3);
   p.methods.back().percent = kUnknown;
@@ -121,6 +164,23 @@ TEST(SweepTable, HasOneCellPerColumnAndADashForWhatIsUnknown) {
   EXPECT_EQ(study.rows[1][5], "-");
   EXPECT_EQ(study.rows[1][11], "refused");
   EXPECT_EQ(study.rows[1][13], "surface 0 reflects 104 %, more than all");
+}
+
+TEST(SweepTable, OfDecodingHasItsOwnColumns) {
+  SweepPoint refused;
+  refused.decoding.emplace(), refused.refusal = "no stripes";
+  SweepPoint right = decoded(98, 0.05);
+  right.decoding->codes = "gray, xor-04";
+  Study study;
+  fill_table({"ours"}, {right, refused}, kBounds, study);
+  ASSERT_EQ(study.rows.size(), 2u);
+  for (const auto& row : study.rows) EXPECT_EQ(row.size(), study.columns.size());
+  EXPECT_EQ(study.columns[3], "accepted %");
+  EXPECT_EQ(study.rows[0][3], "98.00");
+  EXPECT_EQ(study.columns[8], "code");
+  EXPECT_EQ(study.rows[0][8], "gray, xor-04");
+  EXPECT_EQ(study.rows[1][3], "-");
+  EXPECT_EQ(study.rows[1].back(), "no stripes");
 }
 
 TEST(SweepTable, QuotesCellsThatWouldBreakACsv) {

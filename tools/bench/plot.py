@@ -50,7 +50,7 @@ def sim_speed(rows, axes):
 
 
 SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "note": ("P", "capture took photos again"), "held-out": ("D", "held-out error above its bound"),
-        "check": ("^", "check complained"), "FAIL": ("s", "verify: FAIL"), "refused": ("X", "refused (no show)")}
+        "few": ("v", "says that few are decoded"), "check": ("^", "check complained"), "calibrate": ("d", "calibrate: a note on the photos"), "FAIL": ("s", "verify: FAIL"), "refused": ("X", "refused (no show)")}
 OTHERS = {"none": ":", "paper H=1": "--", "one k": "-."}
 
 
@@ -108,6 +108,40 @@ def sweep(rows, labels, figure):
     if any(row["verdict"] == "silent" for row in rows):
         keys.append(plt.Line2D([], [], color="red", ls="", marker="o", ms=11, mfc="none", mew=2, label="wrong in silence"))
     legend.legend(handles=keys, loc="center left", fontsize=8, frameon=False)
+
+
+def decode_sweep(rows, labels, figure):
+    """What was lost and what was wrong by the simulator's truth, against the parameter and against its predictor."""
+    upper, lower = figure.subplots(2, 3, gridspec_kw={"width_ratios": [1, 1, 0.5]}, sharey="row")
+    series = list(dict.fromkeys(row["series"] for row in rows))
+    for line, bound in [(upper, labels["lost bound"]), (lower, labels["bound"])]:
+        line[2].axis("off")
+        for axes, column in zip(line, ["value", "predictor"]):
+            for i, name in enumerate(series):
+                chosen = sorted((r for r in rows if r["series"] == name and r[column] != "-"), key=lambda r: number(r[column]))
+                least = 0.01  # what is less stands on the floor
+                lost = [100 if r["accepted %"] == "-" else max(least, 100 - number(r["accepted %"])) for r in chosen]
+                wrong = [max(least, number(r["wrong %"])) if r["wrong %"] != "-" else least for r in chosen]
+                at, y = [number(r[column]) for r in chosen], lost if line is upper else wrong
+                axes.plot(at, y, "-", color=f"C{i}", lw=1.6, alpha=1 if column == "value" else 0.4)
+                for row, x, one in zip(chosen, at, y):
+                    axes.plot(x, one, SAID[row["said"]][0], color=f"C{i}", ms=max(5, 9 - 1.5 * i), mfc="white" if row["said"] in ("PASS", "nothing") else f"C{i}")
+                    if row["verdict"] == "silent":
+                        axes.plot(x, one, "o", color="red", ms=15, mfc="none", mew=2)
+            axes.axhline(float(bound), color="0.4", lw=0.8)
+            axes.set_yscale("log")
+            axes.set_ylim(0.007, 150)
+            scale(axes, [number(r[column]) for r in rows if r[column] != "-"])
+            axes.grid(alpha=0.2)
+    upper[0].set_ylabel("not decoded, % of visible pixels")
+    lower[0].set(xlabel=labels["unit"], ylabel="wrong, % of decoded pixels")
+    lower[1].set_xlabel(labels["predictor"])
+    keys = [plt.Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(series)]
+    heard = {SAID[row["said"]] + (row["said"],) for row in rows}
+    keys += [plt.Line2D([], [], color="0.3", ls="", marker=m, mfc="white" if said in ("PASS", "nothing") else "0.3", label=text) for m, text, said in sorted(heard, key=lambda h: list(SAID).index(h[2]))]
+    if any(row["verdict"] == "silent" for row in rows):
+        keys.append(plt.Line2D([], [], color="red", ls="", marker="o", ms=11, mfc="none", mew=2, label="wrong in silence"))
+    upper[2].legend(handles=keys, loc="upper left", fontsize=8, frameon=False)
 
 
 def lens(rows, axes):
@@ -207,9 +241,11 @@ def draw(folder, name):
         return
     document = folder / f"{name}.json"
     labels = json.loads(document.read_text()).get("labels") if document.exists() else None
-    figure = plt.figure(figsize=(13, 4.8) if labels else (11, 4.5) if name == "lens" else (15, 4.2) if name == "decode-real" else (8, 4.5), layout="constrained")
+    sizes = {"lens": (11, 4.5), "decode-real": (15, 4.2)}
+    size = sizes.get(name, (8, 4.5)) if not labels else (13, 7) if "lost bound" in labels else (13, 4.8)
+    figure = plt.figure(figsize=size, layout="constrained")
     if labels:
-        sweep(rows_of(source), labels, figure)
+        (decode_sweep if "lost bound" in labels else sweep)(rows_of(source), labels, figure)
     elif name in PLOTS:
         PLOTS[name](rows_of(source), figure.subplots(1, 3) if name == "decode-real" else figure.subplots())
     else:

@@ -25,7 +25,8 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr double kMostWrong =
-    0.002;  // of decoded pixels, by held-out patterns: more than decoders leave on real boards
+    0.002;                           // of decoded pixels, by held-out patterns: more than decoders leave on real boards
+constexpr double kMostUnread = 0.1;  // of pixels that are clearly lit
 
 // What the decoder gave, and what is wrong with it, as notes; where it refused, in its error.
 Result<Correspondence> decode_and_diagnose(const Session& session, const CameraSpec& camera,
@@ -64,6 +65,20 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
           "reasons picture, and capture again with --code xor-04",
           summary.decoded[q].projector, 100 * audits[q].wrong(), 100 * kMostWrong));
   }
+  CS_TRY(const capture::Unread unread, capture::unread_pixels(session.sequence(), photos, all));
+  if (unread.clear > 1000 && unread.share() > kMostUnread)
+    summary.notes.push_back(fmt::format(
+        "camera '{}': block patterns are clearly seen in {} pixels, but in {:.0f} % of them no projector's code is "
+        "(bound "
+        "{:.0f} %): its stripes are out of focus there, or finer than the camera resolves; focus, or use --code gray",
+        camera.id, unread.clear, 100 * unread.share(), 100 * kMostUnread));
+  CS_TRY(const std::optional<capture::ViewShift> shift, capture::shift_of_view(session.sequence(), photos));
+  if (shift && shift->moved())
+    summary.notes.push_back(fmt::format(
+        "camera '{}': its view moved by {:.2f} +- {:.2f} px between the white frames and the block patterns (bound {} "
+        "px): the code and the light belong to different places; fasten the camera and what stands in the room, and "
+        "capture again",
+        camera.id, shift->length(), shift->sigma, capture::kMostViewShift));
   summary.notes.insert(summary.notes.end(), findings.begin(), findings.end());
   return all;
 }

@@ -6,9 +6,9 @@
 #include "capture/session/runner.h"
 #include "solver/compensate/compensate.h"
 #include "solver/compensate/gather.h"
+#include "tools/bench/sweep/stages.h"
 #include "tools/bench/truth.h"
 #include "tools/job/devices.h"
-#include "tools/job/self_check.h"
 #include "tools/job/test_pictures.h"
 #include "tools/job/verification.h"
 
@@ -22,21 +22,6 @@ constexpr const char* kPicture = "photo";
 constexpr std::uint64_t kLate = 1u << 20;  // a photo on which every lasting fault acts
 
 const std::vector<std::string> kMethods = {"none", "paper H=1", "one k", "ours"};
-
-// Keeps the sentences that the program addresses to its operator.
-class Listener final : public Progress {
- public:
-  void step(std::string_view, double, double) override {}
-  void note(std::string_view text) override { say(text); }
-  void warn(std::string_view text) override { say(text); }
-  const std::string& first() const { return first_; }
-
- private:
-  void say(std::string_view text) {
-    if (first_.empty()) first_ = text;
-  }
-  std::string first_;
-};
 
 // The show as it is, without a camera's noise or faults: what a viewer in the camera's place sees.
 struct Truth {
@@ -128,7 +113,6 @@ class Job {
 
  private:
   capture::Devices devices() const { return simdata::simulated_devices(simulator_, setting_.faults); }
-  void check(SweepPoint& point);
   // False where the program refuses to go on.
   bool calibrate(SweepPoint& point);
   Result<void> compensate(const Truth& truth, SweepPoint& point);
@@ -138,14 +122,6 @@ class Job {
   fs::path folder_;
   int exposures_;
 };
-
-void Job::check(SweepPoint& point) {
-  Listener listener;
-  const auto findings = tools::self_check(setting_.room.rig, devices(), listener);
-  if (!findings) point.check = findings.error().message;
-  for (const tools::Finding& f : findings ? *findings : std::vector<tools::Finding>())
-    if (!f.ok && point.check.empty()) point.check = f.what + ": " + f.measured;
-}
 
 bool Job::calibrate(SweepPoint& point) {
   Listener listener;
@@ -198,7 +174,7 @@ Result<void> Job::run(const Truth& truth, SweepPoint& point) {
   std::error_code ignored;
   for (const char* name : {"session", "calibration", "report"}) fs::remove_all(folder_ / name, ignored);
   point.methods = {truth.of(truth.plain)};
-  check(point);
+  check_rig(setting_, simulator_, point);
   if (!calibrate(point)) return {};
   return compensate(truth, point);
 }
@@ -236,6 +212,13 @@ Result<SweepPoint> run_point(const Sweep& sweep, const SweepSeries& series, doub
   point.series = series.name, point.value = value;
   CS_TRY(SweepSetting setting, fresh_setting(quick));
   series.apply(value, setting);
+  if (sweep.judged == Judged::kDecoding) {
+    setting.room.rig.cameras[0].model.clear();  // decoding asks for no lens
+    CS_TRY(const auto simulator, rooms.of(setting.room, silent));
+    CS_TRY(point.predictor, sweep.predictor({setting, *simulator, {}, {}}, silent));
+    CS_TRY_VOID(run_decoding(setting, simulator, folder, point));
+    return point;
+  }
   CameraSpec& camera = setting.room.rig.cameras[0];
   camera.model = folder / "camera.cameramodel";
   CS_TRY_VOID(write_cameramodel(camera.model, setting.lens));
@@ -269,16 +252,24 @@ Result<Study> run_sweep(const Sweep& sweep, bool quick, const StudyContext& cont
   fill_table(kMethods, points, sweep.bounds, study);
   const SweepVerdict verdict = judge(points, sweep.bounds);
   study.figure = text_of(verdict);
-  study.bound = fmt::format("no silence beyond {} % of white", sweep.bounds.residual_percent);
+  const bool decoding = sweep.judged == Judged::kDecoding;
+  study.bound = decoding
+                    ? fmt::format("no silence beyond {} % wrong, below {:.0f} % accepted, or sigma {:.0f}x too small",
+                                  sweep.bounds.wrong_percent, sweep.bounds.accepted_percent, sweep.bounds.z)
+                    : fmt::format("no silence beyond {} % of white", sweep.bounds.residual_percent);
   study.ok = verdict.ok();
   study.notes.push_back(fmt::format(
       "departs from the fixed conditions: the documentation's room with 1/{} of its camera's pixels in each "
-      "direction, one seed, picture `{}`; residuals are the simulator's own light, without noise",
-      quick ? 4 : 3, kPicture));
+      "direction, one seed, {}",
+      quick ? 4 : 3,
+      decoding ? "the code that the scene chooses; truth is the view before anything moved, of several projectors the "
+                 "worst"
+               : "picture `photo`; residuals are the simulator's own light, without noise"));
   if (!sweep.known_silent.empty()) study.notes.push_back("known to be silent: " + sweep.known_silent);
   study.labels = {{"unit", sweep.unit},
                   {"predictor", sweep.predictor_name},
-                  {"bound", fmt::format("{}", sweep.bounds.residual_percent)}};
+                  {"bound", fmt::format("{}", decoding ? sweep.bounds.wrong_percent : sweep.bounds.residual_percent)}};
+  if (decoding) study.labels.emplace_back("lost bound", fmt::format("{}", 100 - sweep.bounds.accepted_percent));
   return study;
 }
 

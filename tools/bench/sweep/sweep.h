@@ -1,5 +1,5 @@
 // A sweep: where does the method fail, and does the program say so? One parameter of a rig is driven from harmless to
-// hopeless; at each value the whole job runs, and what the program says is compared with what the simulator knows.
+// hopeless; at each value the job runs, and what the program says is compared with what the simulator knows.
 #pragma once
 
 #include <functional>
@@ -21,12 +21,18 @@ struct SweepSetting {
   std::vector<simdata::Fault> faults;  // act in every stage; each stage counts its photos from 0
 };
 
+// One more fault, from that photo on.
+void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo = 0);
+// Another room of full size takes the place of the setting's, with devices of as few pixels.
+void move_to(const simdata::RigAndRoom& room, SweepSetting& setting);
+
 // What a predictor may know: the setting and the truth, never a photo.
 struct PredictorInput {
   const SweepSetting& setting;
   const simdata::Simulator& simulator;
-  std::span<const Picture> plain;    // the show that is judged
-  std::span<const Picture> emitted;  // what the projectors make of it
+  // Where it is the show that is judged:
+  std::span<const Picture> plain;    // the pictures
+  std::span<const Picture> emitted;  // what the projectors make of them
   double white = 1;                  // W [full scale]
 };
 
@@ -37,6 +43,10 @@ struct SweepSeries {
   std::function<void(double value, SweepSetting&)> apply;
 };
 
+// Where the job of a sweep ends: at the light of the show, captured with Gray code; or at the decoded code, captured
+// with the one that the scene chooses.
+enum class Judged { kShow, kDecoding };
+
 struct Sweep {
   std::string name, title, unit;
   std::string predictor_name;  // with its unit
@@ -44,9 +54,11 @@ struct Sweep {
   std::vector<SweepSeries> series;
   SweepBounds bounds;
   std::string known_silent;  // where the program is known to be wrong in silence, and why; empty: nowhere
+  Judged judged = Judged::kShow;
 };
 
 const std::vector<Sweep>& sweeps();
+std::vector<Sweep> decode_sweeps();  // those of them that are judged by decoding
 
 // All points of a sweep on the documentation's two-wall room with fewer pixels. Scratch files: output/NAME/.
 // Errors: those of the harness (disk, impossible room); what the program refuses is a point like any other.

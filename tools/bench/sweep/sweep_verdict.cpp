@@ -15,13 +15,58 @@ std::string cell(double value, const char* format) {
 
 // The sentence that goes with said(), short enough for a table.
 std::string sentence(const SweepPoint& p, Said loudest) {
-  const std::string text = loudest == Said::kRefused ? p.refusal
-                           : loudest == Said::kFail  ? p.failure
-                           : loudest == Said::kCheck ? p.check
-                           : loudest == Said::kNoted ? p.notes
-                                                     : "";
+  const std::string text = loudest == Said::kRefused     ? p.refusal
+                           : loudest == Said::kFail      ? p.failure
+                           : loudest == Said::kCalibrate ? p.calibrate
+                           : loudest == Said::kCheck     ? p.check
+                           : loudest == Said::kNoted     ? p.notes
+                                                         : "";
   constexpr std::size_t kLongest = 120;
   return text.empty() ? "-" : text.size() > kLongest ? text.substr(0, kLongest) + ".." : text;
+}
+
+bool is_right(const SweepPoint& p, const SweepBounds& bounds) {
+  if (const auto& d = p.decoding)
+    return d->accepted_percent >= bounds.accepted_percent && d->wrong_percent <= bounds.wrong_percent &&
+           d->z <= bounds.z;
+  return !p.methods.empty() && p.methods.back().percent <= bounds.residual_percent;
+}
+
+// What a wrong point is wrong by.
+double harm(const SweepPoint& p) {
+  return p.decoding ? p.decoding->wrong_percent : p.methods.empty() ? kUnknown : p.methods.back().percent;
+}
+
+std::vector<std::string> outcome_columns(const std::vector<std::string>& methods, bool decoding) {
+  if (decoding)
+    return {"accepted %", "wrong %",    "bias px",   "random px",       "rms z",
+            "code",       "forecast %", "printed %", "held-out wrong %"};
+  std::vector<std::string> columns;
+  for (const std::string& m : methods) columns.push_back(m + " % W"), columns.push_back(m + " x");
+  for (const char* c : {"held-out % W", "chi2", "reprojection px", "verify x"}) columns.emplace_back(c);
+  return columns;
+}
+
+std::vector<std::string> outcome_cells(const std::vector<std::string>& methods, const SweepPoint& p) {
+  if (const auto& d = p.decoding)
+    return {cell(d->accepted_percent, "{:.2f}"),
+            cell(d->wrong_percent, "{:.3f}"),
+            cell(d->bias_px, "{:.3f}"),
+            cell(d->random_px, "{:.3f}"),
+            cell(d->z, "{:.2f}"),
+            d->codes.empty() ? "-" : d->codes,
+            cell(d->forecast_percent, "{:.2f}"),
+            cell(d->printed_percent, "{:.2f}"),
+            cell(d->held_out_wrong_percent, "{:.3f}")};
+  std::vector<std::string> cells;
+  for (std::size_t m = 0; m < methods.size(); ++m) {
+    const Residual r = m < p.methods.size() ? p.methods[m] : Residual();
+    cells.push_back(cell(r.percent, "{:.3f}")), cells.push_back(cell(r.suppression, "{:.1f}"));
+  }
+  for (const std::string& c : {cell(p.held_out_percent, "{:.3f}"), cell(p.chi2, "{:.2f}"),
+                               cell(p.reprojection_px, "{:.3f}"), cell(p.verify_suppression, "{:.1f}")})
+    cells.push_back(c);
+  return cells;
 }
 
 }  // namespace
@@ -29,7 +74,10 @@ std::string sentence(const SweepPoint& p, Said loudest) {
 Said said(const SweepPoint& p, const SweepBounds& bounds) {
   if (!p.refusal.empty()) return Said::kRefused;
   if (p.pass && !*p.pass) return Said::kFail;
+  if (!p.calibrate.empty()) return Said::kCalibrate;
   if (!p.check.empty()) return Said::kCheck;
+  if (const auto& d = p.decoding; d && std::fmin(d->printed_percent, d->forecast_percent) < bounds.accepted_percent)
+    return Said::kFew;
   if (p.held_out_percent > bounds.held_out_percent) return Said::kHeldOut;
   if (!p.notes.empty()) return Said::kNoted;
   return p.pass ? Said::kPass : Said::kNothing;
@@ -39,8 +87,7 @@ PointVerdict judge(const SweepPoint& p, const SweepBounds& bounds) {
   const Said loudest = said(p, bounds);
   if (loudest == Said::kRefused) return PointVerdict::kRefused;
   const bool complained = is_complaint(loudest);
-  const bool right = !p.methods.empty() && p.methods.back().percent <= bounds.residual_percent;
-  if (right) return complained ? PointVerdict::kFalseAlarm : PointVerdict::kRight;
+  if (is_right(p, bounds)) return complained ? PointVerdict::kFalseAlarm : PointVerdict::kRight;
   return complained ? PointVerdict::kSaidSo : PointVerdict::kSilent;
 }
 
@@ -49,6 +96,7 @@ SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bou
   v.points = static_cast<int>(points.size());
   for (const SweepPoint& p : points) {
     const PointVerdict one = judge(p, bounds);
+    v.decoding |= p.decoding.has_value();
     v.right += one == PointVerdict::kRight;
     v.false_alarms += one == PointVerdict::kFalseAlarm;
     v.refused += one == PointVerdict::kRefused;
@@ -57,23 +105,24 @@ SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bou
     SweepPoint unverified = p;
     unverified.pass.reset();
     v.by_verify_alone += one == PointVerdict::kSaidSo && !is_complaint(said(unverified, bounds));
-    if (one == PointVerdict::kSilent && !p.methods.empty())
-      v.worst_silent_percent = std::fmax(v.worst_silent_percent, p.methods.back().percent);
+    if (one == PointVerdict::kSilent) v.worst_silent_percent = std::fmax(v.worst_silent_percent, harm(p));
   }
   return v;
 }
 
 std::string text_of(const SweepVerdict& v) {
-  std::string text = fmt::format(
-      "{} points: {} right, {} false alarms, {} refused, {} wrong and said so ({} by verify alone), {} wrong in "
-      "silence",
-      v.points, v.right, v.false_alarms, v.refused, v.said_so, v.by_verify_alone, v.silent);
-  if (v.silent > 0) text += fmt::format(" (up to {:.2f} % of white)", v.worst_silent_percent);
+  std::string text =
+      fmt::format("{} points: {} right, {} false alarms, {} refused, {} wrong and said so{}, {} wrong in silence",
+                  v.points, v.right, v.false_alarms, v.refused, v.said_so,
+                  v.decoding ? "" : fmt::format(" ({} by verify alone)", v.by_verify_alone), v.silent);
+  if (v.silent > 0)
+    text += fmt::format(" (up to {:.2f} % {})", v.worst_silent_percent, v.decoding ? "wrong pixels" : "of white");
   return text;
 }
 
 const char* text_of(Said said) {
-  constexpr const char* kTexts[] = {"nothing", "PASS", "note", "held-out", "check", "FAIL", "refused"};
+  constexpr const char* kTexts[] = {"nothing", "PASS",      "note", "held-out", "few",
+                                    "check",   "calibrate", "FAIL", "refused"};
   return kTexts[static_cast<int>(said)];
 }
 
@@ -84,22 +133,17 @@ const char* text_of(PointVerdict verdict) {
 
 void fill_table(const std::vector<std::string>& methods, const std::vector<SweepPoint>& points,
                 const SweepBounds& bounds, Study& study) {
+  const bool decoding = !points.empty() && points[0].decoding.has_value();
   study.columns = {"series", "value", "predictor"};
-  for (const std::string& m : methods) study.columns.push_back(m + " % W"), study.columns.push_back(m + " x");
-  for (const char* c : {"held-out % W", "chi2", "reprojection px", "verify x", "said", "verdict", "in its words"})
-    study.columns.emplace_back(c);
+  for (std::string& c : outcome_columns(methods, decoding)) study.columns.push_back(std::move(c));
+  for (const char* c : {"said", "verdict", "in its words"}) study.columns.emplace_back(c);
   study.rows.clear();
   for (const SweepPoint& p : points) {
     std::vector<std::string> row{p.series, fmt::format("{:.4g}", p.value), cell(p.predictor, "{:.4g}")};
-    for (std::size_t m = 0; m < methods.size(); ++m) {
-      const Residual r = m < p.methods.size() ? p.methods[m] : Residual();
-      row.push_back(cell(r.percent, "{:.3f}")), row.push_back(cell(r.suppression, "{:.1f}"));
-    }
+    for (std::string& c : outcome_cells(methods, p)) row.push_back(std::move(c));
     const Said loudest = said(p, bounds);
     for (const std::string& c :
-         {cell(p.held_out_percent, "{:.3f}"), cell(p.chi2, "{:.2f}"), cell(p.reprojection_px, "{:.3f}"),
-          cell(p.verify_suppression, "{:.1f}"), std::string(text_of(loudest)), std::string(text_of(judge(p, bounds))),
-          sentence(p, loudest)})
+         {std::string(text_of(loudest)), std::string(text_of(judge(p, bounds))), sentence(p, loudest)})
       row.push_back(c);
     study.rows.push_back(std::move(row));
   }

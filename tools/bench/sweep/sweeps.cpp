@@ -11,12 +11,12 @@
 
 namespace countershade::bench {
 
-namespace {
-
-void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo = 0) {
+void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo) {
   for (const simdata::FaultKind& kind : simdata::fault_kinds())
     if (kind.name == name) setting.faults.push_back({&kind, value, photo});
 }
+
+namespace {
 
 // Value of a fault that acts on all photos; `otherwise` where there is none.
 double fault_value(const SweepSetting& setting, const std::string& name, double otherwise) {
@@ -340,14 +340,7 @@ Sweep rooms() {
     series.push_back({name,
                       {surfaces},
                       name == "workbench" ? std::vector<double>{surfaces} : std::vector<double>(),
-                      [made](double, SweepSetting& s) {
-                        const int shrink = 1920 / s.room.simulation.cameras[0].resolution[0];
-                        const std::array<int, 2> pixels = s.room.rig.projectors[0].resolution;
-                        s.room = simdata::smaller(made, shrink, 1, s.room.simulation.samples);
-                        for (ProjectorSpec& p : s.room.rig.projectors) p.resolution = pixels;
-                        s.lens = simdata::true_camera(s.room.simulation, s.room.rig.cameras[0].id).value();
-                        s.lens.device_from_world = {};
-                      }});
+                      [made](double, SweepSetting& s) { move_to(made, s); }});
   }
   return {"rooms",
           "Every room that `countershade new` writes, on the defaults",
@@ -361,8 +354,21 @@ Sweep rooms() {
 
 }  // namespace
 
+void move_to(const simdata::RigAndRoom& room, SweepSetting& s) {
+  const int shrink = 1920 / s.room.simulation.cameras[0].resolution[0];
+  const std::array<int, 2> pixels = s.room.rig.projectors[0].resolution;
+  s.room = simdata::smaller(room, shrink, 1, s.room.simulation.samples);
+  for (ProjectorSpec& p : s.room.rig.projectors) p.resolution = pixels;
+  s.lens = simdata::true_camera(s.room.simulation, s.room.rig.cameras[0].id).value();
+  s.lens.device_from_world = {};
+}
+
 const std::vector<Sweep>& sweeps() {
-  static const std::vector<Sweep> all = {noise(), glare(), gamma(), geometry(), frames(), rooms()};
+  static const std::vector<Sweep> all = [] {
+    std::vector<Sweep> list = {noise(), glare(), gamma(), geometry(), frames(), rooms()};
+    for (Sweep& s : decode_sweeps()) list.push_back(std::move(s));
+    return list;
+  }();
   return all;
 }
 
