@@ -5,6 +5,7 @@ import csv
 import json
 import pathlib
 import sys
+import textwrap
 
 import matplotlib
 
@@ -49,7 +50,7 @@ def sim_speed(rows, axes):
     axes.legend()
 
 
-SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "note": ("P", "capture took photos again"), "held-out": ("D", "held-out error above its bound"),
+SAID = {"nothing": ("o", "said nothing"), "PASS": ("o", "verify: PASS"), "note": ("P", "a note of capture"), "held-out": ("D", "held-out error above its bound"),
         "few": ("v", "says that few are decoded"), "check": ("^", "check complained"), "calibrate": ("d", "calibrate: a note on the photos"), "FAIL": ("s", "verify: FAIL"), "refused": ("X", "refused (no show)")}
 OTHERS = {"none": ":", "paper H=1": "--", "one k": "-."}
 
@@ -121,7 +122,7 @@ def decode_sweep(rows, labels, figure):
                 chosen = sorted((r for r in rows if r["series"] == name and r[column] != "-"), key=lambda r: number(r[column]))
                 least = 0.01  # what is less stands on the floor
                 lost = [100 if r["accepted %"] == "-" else max(least, 100 - number(r["accepted %"])) for r in chosen]
-                wrong = [max(least, number(r["wrong %"])) if r["wrong %"] != "-" else least for r in chosen]
+                wrong = [max(least, number(r["wrong %"])) if r["wrong %"] != "-" else float("nan") for r in chosen]
                 at, y = [number(r[column]) for r in chosen], lost if line is upper else wrong
                 axes.plot(at, y, "-", color=f"C{i}", lw=1.6, alpha=1 if column == "value" else 0.4)
                 for row, x, one in zip(chosen, at, y):
@@ -134,8 +135,8 @@ def decode_sweep(rows, labels, figure):
             scale(axes, [number(r[column]) for r in rows if r[column] != "-"])
             axes.grid(alpha=0.2)
     upper[0].set_ylabel("not decoded, % of visible pixels")
-    lower[0].set(xlabel=labels["unit"], ylabel="wrong, % of decoded pixels")
-    lower[1].set_xlabel(labels["predictor"])
+    lower[0].set(xlabel=textwrap.fill(labels["unit"], 56), ylabel="wrong, % of decoded pixels")
+    lower[1].set_xlabel(textwrap.fill(labels["predictor"], 56))
     keys = [plt.Line2D([], [], color=f"C{i}", label=name) for i, name in enumerate(series)]
     heard = {SAID[row["said"]] + (row["said"],) for row in rows}
     keys += [plt.Line2D([], [], color="0.3", ls="", marker=m, mfc="white" if said in ("PASS", "nothing") else "0.3", label=text) for m, text, said in sorted(heard, key=lambda h: list(SAID).index(h[2]))]

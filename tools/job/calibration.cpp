@@ -70,7 +70,8 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
     summary.notes.push_back(fmt::format(
         "camera '{}': block patterns are clearly seen in {} pixels, but in {:.0f} % of them no projector's code is "
         "(bound "
-        "{:.0f} %): its stripes are out of focus there, or finer than the camera resolves; focus, or use --code gray",
+        "{:.0f} %): its stripes are out of focus there, or finer than the camera resolves: focus both, or bring the "
+        "camera nearer",
         camera.id, unread.clear, 100 * unread.share(), 100 * kMostUnread));
   CS_TRY(const std::optional<capture::ViewShift> shift, capture::shift_of_view(session.sequence(), photos));
   if (shift && shift->moved())
