@@ -10,20 +10,10 @@
 namespace countershade::capture {
 namespace {
 
+using fake::rig_of;
+using fake::test_name;
 using fake::View;
 using testing::HasSubstr;
-
-std::string test_name() {
-  return testing::UnitTest::GetInstance()->current_test_info()->name();
-}
-
-Rig rig_of(const View& view) {
-  Rig rig;
-  rig.projectors.resize(1);
-  rig.projectors[0].id = "p";
-  rig.projectors[0].resolution = {view.projector_width, view.projector_height};
-  return rig;
-}
 
 View view_with(double gain, double bounce) {
   View view;

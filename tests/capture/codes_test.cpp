@@ -11,12 +11,9 @@ namespace countershade::capture {
 namespace {
 
 using fake::Score;
+using fake::test_name;
 using fake::View;
 using testing::HasSubstr;
-
-std::string test_name() {
-  return testing::UnitTest::GetInstance()->current_test_info()->name();
-}
 
 Correspondence good(const View& view, const std::string& code) {
   SilentProgress silent;

@@ -17,12 +17,9 @@ namespace {
 
 using fake::code_of;
 using fake::Score;
+using fake::test_name;
 using fake::View;
 using testing::HasSubstr;
-
-std::string test_name() {
-  return testing::UnitTest::GetInstance()->current_test_info()->name();
-}
 
 Result<Correspondence> decoded(const View& view, const Sequence& sequence, const DecodeOptions& options = {}) {
   SilentProgress silent;

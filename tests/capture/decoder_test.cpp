@@ -10,12 +10,9 @@
 namespace countershade::capture {
 namespace {
 
+using fake::test_name;
 using fake::View;
 using testing::HasSubstr;
-
-std::string test_name() {
-  return testing::UnitTest::GetInstance()->current_test_info()->name();
-}
 
 // A view that blur, noise, an edge and light by way of other surfaces make hard, and a width that no vector divides.
 View hard_view() {

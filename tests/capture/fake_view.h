@@ -2,6 +2,8 @@
 // known exactly. Blur, noise, ambient light, bounced light, gaps and edges can be planted.
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -124,6 +126,20 @@ struct View {
     return table;
   }
 };
+
+// Seeds the noise of a test's photos.
+inline std::string test_name() {
+  return testing::UnitTest::GetInstance()->current_test_info()->name();
+}
+
+// A rig of projector "p" alone.
+inline Rig rig_of(const View& view) {
+  Rig rig;
+  rig.projectors.resize(1);
+  rig.projectors[0].id = "p";
+  rig.projectors[0].resolution = {view.projector_width, view.projector_height};
+  return rig;
+}
 
 // White, black and Gray code with inverse of projector "p".
 struct CodeOptions {

@@ -1,4 +1,4 @@
-#include "capture/pattern/held_out.h"
+#include "capture/diagnose/held_out.h"
 
 #include <gtest/gtest.h>
 
@@ -9,6 +9,7 @@
 namespace countershade::capture {
 namespace {
 
+using fake::rig_of;
 using fake::View;
 
 struct Decoded {
@@ -18,11 +19,8 @@ struct Decoded {
 };
 
 Decoded decoded(const View& view) {
-  Rig rig;
-  rig.projectors.resize(1);
-  rig.projectors[0].id = "p", rig.projectors[0].resolution = {view.projector_width, view.projector_height};
   Decoded d;
-  d.sequence = *sequence_with(rig, {"micro-phase"});
+  d.sequence = *sequence_with(rig_of(view), {"micro-phase"});
   d.photos = view.photos(d.sequence, "held out");
   SilentProgress silent;
   auto c = decode_frames(d.sequence, d.photos, "cam", "p", {}, silent);
@@ -121,10 +119,7 @@ View bordered() {
 }
 
 TEST(ViewShift, IsThatWhichWasPlantedAndItsSigmaKnows) {
-  Rig rig;
-  rig.projectors.resize(1);
-  rig.projectors[0].id = "p", rig.projectors[0].resolution = {300, 220};
-  const Sequence sequence = *sequence_with(rig, {"micro-phase"});
+  const Sequence sequence = *sequence_with(rig_of(bordered()), {"micro-phase"});
   for (const auto& [x, y] : {std::pair(0.0, 0.0), std::pair(0.3, -0.2), std::pair(-0.9, 0.4), std::pair(1.2, 1.6)}) {
     const auto shift = shift_of_view(sequence, moved_between(sequence, bordered(), x, y));
     ASSERT_TRUE(shift && *shift);
@@ -138,10 +133,7 @@ TEST(ViewShift, IsThatWhichWasPlantedAndItsSigmaKnows) {
 }
 
 TEST(ViewShift, IsNoneWhenLampsChanged) {
-  Rig rig;
-  rig.projectors.resize(1);
-  rig.projectors[0].id = "p", rig.projectors[0].resolution = {300, 220};
-  const Sequence sequence = *sequence_with(rig, {"micro-phase"});
+  const Sequence sequence = *sequence_with(rig_of(bordered()), {"micro-phase"});
   const View view = bordered();
   View brighter = view;
   brighter.gain *= 0.9, brighter.ambient += 0.03;
@@ -162,11 +154,8 @@ TEST(ViewShift, IsNoneWhenLampsChanged) {
 }
 
 TEST(ViewShift, NeedsBlocksAndLevels) {
-  Rig rig;
-  rig.projectors.resize(1);
-  rig.projectors[0].id = "p", rig.projectors[0].resolution = {300, 220};
   for (const char* kind : {"blocks", "white", "black"}) {
-    Sequence sequence = *sequence_with(rig, {"micro-phase"});
+    Sequence sequence = *sequence_with(rig_of(bordered()), {"micro-phase"});
     std::erase_if(sequence.frames, [&](const Frame& f) { return f.role.kind == kind; });
     const View view = bordered();
     const auto shift = shift_of_view(sequence, view.photos(sequence, "none"));

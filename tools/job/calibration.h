@@ -24,7 +24,7 @@ struct DecodeSummary {
   double accepted = 0;  // share of the lit pixels
   std::size_t lit = 0;
   std::size_t judged = 0;  // accepted pixels that the photometric block patterns, which decoding does not see, judge
-  double wrong = 0;        // share of wrong codes among them (capture/pattern/held_out.h)
+  double wrong = 0;        // share of wrong codes among them (capture/diagnose/held_out.h)
 };
 
 struct CalibrationSummary {

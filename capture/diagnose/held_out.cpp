@@ -1,4 +1,4 @@
-#include "capture/pattern/held_out.h"
+#include "capture/diagnose/held_out.h"
 
 #include <Eigen/Dense>
 #include <algorithm>
