@@ -101,8 +101,8 @@ void join_half_lit(AxisReading& reading) {
           neighbours.push_back({{1, static_cast<double>(u - x), static_cast<double>(v - y)}, q.at(u, v), 1 / (s * s)});
         }
       const auto plane = predict(neighbours);
-      if (!plane || plane->q < -0.5 || plane->q > reading.length_px - 0.5)
-        continue;  // light comes from the picture only
+      // Light comes from the picture only.
+      if (!plane || plane->q < -0.5 || plane->q > reading.length_px - 0.5) continue;
       // Light from one side of the pixel has pulled it inward. A plane that says otherwise is another surface's, whose
       // seam lies between.
       const double own = std::pow(sigma.at(x, y), 2), off = plane->q - q.at(x, y);

@@ -61,10 +61,42 @@ TEST(HalfLit, WhatReceivesAllItsLightStays) {
 
 TEST(HalfLit, AReadingThatThePlaneContradictsStays) {
   AxisReading reading = wall();
-  reading.q.at(20, 14) += 12;
+  reading.q.at(20, 14) -= 12;  // outward, but by fifteen sigma
   join_half_lit(reading);
   EXPECT_FLOAT_EQ(reading.sigma.at(20, 14), 0.8f);
-  EXPECT_NEAR(reading.q.at(20, 14), truth(20, 14) + 12 - 0.8, 0.2);
+  EXPECT_NEAR(reading.q.at(20, 14), truth(20, 14) - 12 - 0.8, 0.2);
+}
+
+// Neighbours that see something else do not bend the plane.
+TEST(HalfLit, NeighboursFarOffAreLeftOut) {
+  AxisReading reading = wall();
+  for (int y = 10; y < 13; ++y) reading.q.at(18, y) += 9, reading.q.at(17, y) += 9;
+  join_half_lit(reading);
+  EXPECT_NEAR(reading.q.at(20, 11), truth(20, 11), 0.25);
+  EXPECT_LT(reading.sigma.at(20, 11), 0.15f);
+}
+
+TEST(HalfLit, ThePlaneIsWorthWhatItsReadingsScatter) {
+  AxisReading reading = wall();
+  Random random(11);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 20; ++x) reading.q.at(x, y) += static_cast<float>(0.4 * random.normal());  // sigma says .03
+  join_half_lit(reading);
+  for (int y = 5; y < 25; ++y) EXPECT_GT(reading.sigma.at(20, y), 0.14f) << y;
+}
+
+// Beyond a crease a darker surface goes on, lit as well: it reads what it reads.
+TEST(HalfLit, ADarkerSurfaceBesideABrightOneStays) {
+  AxisReading reading = wall();
+  const auto bent = [](int x, int y) { return truth(x, y) - 1.8 * std::max(0.0, x - 19.5); };
+  for (int y = 0; y < 30; ++y)
+    for (int x = 20; x < 40; ++x) {  // farther in, nothing could be read of it
+      reading.reason.at(x, y) = static_cast<std::uint8_t>(x < 22 ? Reason::kAccepted : Reason::kUncertainBit);
+      reading.contrast.at(x, y) = 0.2f, reading.sigma.at(x, y) = 0.8f;
+      reading.q.at(x, y) = static_cast<float>(bent(x, y));
+    }
+  join_half_lit(reading);
+  for (int y = 0; y < 30; ++y) EXPECT_FLOAT_EQ(reading.q.at(20, y), static_cast<float>(bent(20, y))) << y;
 }
 
 // Half the light is missing on the dark side, so a pixel is pulled to the other one: when the plane would push it

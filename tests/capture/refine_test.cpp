@@ -137,6 +137,17 @@ TEST(RefineByNeighbours, RejectsOutliersAndSpecks) {
   EXPECT_EQ(reason_at(reading, 33, 18), Reason::kIsolated);
 }
 
+// A reading that hardly says anything could be of any place: neighbours that it does not contradict do not support it.
+TEST(CheckByNeighbours, AWideSigmaIsNoSupport) {
+  AxisReading reading = plane();
+  for (float& sigma : reading.sigma.data()) sigma = 0.05f;
+  reading.q.at(20, 15) += 90, reading.sigma.at(20, 15) = 44;
+  reading.q.at(25, 15) += 1, reading.sigma.at(25, 15) = 0.4f;  // this one is a poor reading of the place
+  check_by_neighbours(reading, Image(kWidth, kHeight, 1, NAN));
+  EXPECT_EQ(reason_at(reading, 20, 15), Reason::kInconsistent);
+  EXPECT_EQ(reason_at(reading, 25, 15), Reason::kAccepted);
+}
+
 TEST(RefineByNeighbours, DoubtsDarkPixelsBesideBrightOnes) {
   AxisReading reading = plane();
   for (int y = 0; y < kHeight; ++y)
