@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "simdata/room/mesh.h"
 #include "simdata/room/room_check.h"
 
 namespace countershade::simdata {
@@ -47,6 +48,13 @@ bool coincides(const Shape& a, const Shape& b) {
   return false;
 }
 
+bool meshes_cross(const Shape& a, const Shape& b) {
+  const auto *one = dynamic_cast<const MeshShape*>(&a), *other = dynamic_cast<const MeshShape*>(&b);
+  return one && other &&
+         crossing(one->triangles().corners, one->triangles().faces, other->triangles().corners,
+                  other->triangles().faces);
+}
+
 // Along the normal of the nearest sample where that is nearer than the sample itself.
 double distance(const Shape& shape, const Eigen::Vector3d& x) {
   double nearest = HUGE_VAL;
@@ -64,9 +72,10 @@ Result<void> check_layout(const Rig& rig, const Simulation& simulation,
                           const std::vector<std::shared_ptr<const Shape>>& shapes) {
   for (std::size_t a = 0; a < shapes.size(); ++a)
     for (std::size_t b = 0; b < shapes.size(); ++b) {
-      if (a == b || shapes[a]->form() == Shape::Form::kMesh) continue;
-      if (crosses(*shapes[a], *shapes[b]) ||
-          (shapes[b]->form() != Shape::Form::kMesh && coincides(*shapes[a], *shapes[b])))
+      if (a == b) continue;
+      const bool from_mesh = shapes[a]->form() == Shape::Form::kMesh, to_mesh = shapes[b]->form() == Shape::Form::kMesh;
+      if ((a < b && meshes_cross(*shapes[a], *shapes[b])) || (!from_mesh && crosses(*shapes[a], *shapes[b])) ||
+          (!from_mesh && !to_mesh && coincides(*shapes[a], *shapes[b])))
         return error(ErrorCode::kBadValue,
                      "[simulation] the surfaces '{}' and '{}' pass through each other or lie in each other; they may "
                      "touch at their edges only: move or shorten one",

@@ -2,6 +2,7 @@
 
 #include <assimp/scene.h>
 #include <algorithm>
+#include <array>
 #include <assimp/Importer.hpp>
 #include <cmath>
 #include <fstream>
@@ -101,6 +102,74 @@ MeshShape::Triangles split_at_edges(const Corners& corners, const Faces& faces) 
   return out;
 }
 
+// A face with its box, for the search for faces that cross.
+struct Face {
+  std::array<Eigen::Vector3d, 3> at;
+  Eigen::AlignedBox3d box;
+};
+
+std::vector<Face> sorted_faces(const Corners& corners, const Faces& faces) {
+  std::vector<Face> out;
+  for (const Eigen::Vector3i& f : faces) {
+    Face face{{corners[f[0]], corners[f[1]], corners[f[2]]}, {}};
+    for (const Eigen::Vector3d& x : face.at) face.box.extend(x);
+    out.push_back(std::move(face));
+  }
+  std::sort(out.begin(), out.end(), [](const Face& a, const Face& b) { return a.box.min().x() < b.box.min().x(); });
+  return out;
+}
+
+constexpr double kRim = 2e-3;  // of a line, and of a face: they may touch there
+
+// The least of the weights of a face's corners at x, a point of its plane: positive inside.
+double least_weight(const Face& face, const Eigen::Vector3d& x) {
+  const auto& [a, b, c] = face.at;
+  const Eigen::Vector3d normal = (b - a).cross(c - a);
+  const double whole = normal.squaredNorm();
+  const double at_b = (x - a).cross(c - a).dot(normal) / whole, at_c = (b - a).cross(x - a).dot(normal) / whole;
+  return std::min({1 - at_b - at_c, at_b, at_c});
+}
+
+// Whether two faces of one plane overlap: there is no line along a side of either that keeps them apart.
+bool overlap(const Face& a, const Face& b, const Eigen::Vector3d& normal) {
+  for (const Face* face : {&a, &b})
+    for (int k = 0; k < 3; ++k) {
+      const Eigen::Vector3d across = normal.cross(face->at[(k + 1) % 3] - face->at[k]);
+      std::array<double, 2> low{HUGE_VAL, HUGE_VAL}, high{-HUGE_VAL, -HUGE_VAL};
+      for (int i = 0; i < 3; ++i)
+        for (int f = 0; f < 2; ++f) {
+          const double at = across.dot((f == 0 ? a : b).at[i]);
+          low[f] = std::min(low[f], at), high[f] = std::max(high[f], at);
+        }
+      const double slack = kRim * std::min(high[0] - low[0], high[1] - low[1]);
+      if (!(std::min(high[0], high[1]) - std::max(low[0], low[1]) > slack)) return false;
+    }
+  return true;
+}
+
+// Where lines of `a`, its sides and three others, pass through `b`; or the middle of `a` where both lie in one plane
+// and overlap.
+std::optional<Eigen::Vector3d> passes_through(const Face& a, const Face& b) {
+  const Eigen::Vector3d normal = (b.at[1] - b.at[0]).cross(b.at[2] - b.at[0]).normalized();
+  const auto height = [&](const Eigen::Vector3d& x) { return normal.dot(x - b.at[0]); };
+  double farthest = 0;
+  for (const Eigen::Vector3d& x : a.at) farthest = std::max(farthest, std::abs(height(x)));
+  if (farthest < 1e-6 * a.box.sizes().norm()) {
+    if (overlap(a, b, normal)) return (a.at[0] + a.at[1] + a.at[2]) / 3;
+    return std::nullopt;
+  }
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Vector3d &from = a.at[k], &next = a.at[(k + 1) % 3], &last = a.at[(k + 2) % 3];
+    // Odd places: faces like to meet in the middle of each other.
+    for (const Eigen::Vector3d& to : {next, Eigen::Vector3d(0.6181 * next + 0.3819 * last)}) {
+      const double start = height(from), end = height(to), t = start / (start - end);
+      if (start * end < 0 && t > kRim && t < 1 - kRim && least_weight(b, from + t * (to - from)) > kRim)
+        return from + t * (to - from);
+    }
+  }
+  return std::nullopt;
+}
+
 // Numbers of corners and faces that a PLY header announces, so that nobody reserves memory for 10^12 of them.
 Result<void> check_header(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
@@ -126,6 +195,24 @@ std::string extension_of(const std::filesystem::path& path) {
 }
 
 }  // namespace
+
+std::optional<Eigen::Vector3d> crossing(const Corners& a_corners, const Faces& a_faces, const Corners& b_corners,
+                                        const Faces& b_faces) {
+  const std::vector<Face> a = sorted_faces(a_corners, a_faces), b = sorted_faces(b_corners, b_faces);
+  double widest = 0;
+  for (const Face& face : b) widest = std::max(widest, face.box.sizes().x());
+  const bool same = &a_faces == &b_faces;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const auto first = std::lower_bound(b.begin(), b.end(), a[i].box.min().x() - widest,
+                                        [](const Face& face, double x) { return face.box.min().x() < x; });
+    for (auto other = first; other != b.end() && other->box.min().x() <= a[i].box.max().x(); ++other) {
+      if ((same && other - b.begin() == static_cast<std::ptrdiff_t>(i)) || !a[i].box.intersects(other->box)) continue;
+      if (auto at = passes_through(a[i], *other)) return at;
+      if (auto at = passes_through(*other, a[i])) return at;
+    }
+  }
+  return std::nullopt;
+}
 
 Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& given_faces, const std::string& name) {
   Corners corners = given;
@@ -154,6 +241,11 @@ Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& gi
                  "mesh '{}': along {} edges the two faces look to opposite sides; make its normals consistent (all "
                  "faces anticlockwise as seen from the lit side)",
                  name, flipped);
+  if (const auto at = crossing(corners, faces, corners, faces))
+    return error(ErrorCode::kBadValue,
+                 "mesh '{}': faces pass through each other or lie in each other at ({:.3f}, {:.3f}, {:.3f}); they may "
+                 "touch at their edges only: cut them there",
+                 name, at->x(), at->y(), at->z());
   refine(corners, faces);
   return split_at_edges(corners, faces);
 }

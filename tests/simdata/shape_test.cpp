@@ -10,6 +10,7 @@
 #include "calib/base/random.h"
 #include "simdata/render/scene.h"
 #include "simdata/room/mesh.h"
+#include "simdata/room/room_check.h"
 #include "tests/support/cli.h"
 
 namespace countershade {
@@ -191,6 +192,56 @@ TEST(Mesh, WhatIsWrongWithOneIsSaid) {
   EXPECT_THAT(complaint({{0, 0, 0}, {1, 1, 1}, {2, 2, 2}}, {{0, 1, 2}}), HasSubstr("no area"));
   std::vector<Eigen::Vector3i> many(30000, Eigen::Vector3i(0, 2, 1));
   EXPECT_THAT(complaint(cube_corners(), many), HasSubstr("at most 20000"));
+}
+
+// Two rectangles in one mesh: the second a turn about y, `angle` against the first, its middle moved by `offset`.
+std::string complaint_about_two(double angle, const Eigen::Vector3d& offset) {
+  std::vector<Eigen::Vector3d> corners;
+  for (int part = 0; part < 2; ++part)
+    for (int i = 0; i < 4; ++i) {
+      const Eigen::Vector3d flat((i & 1) - .5, (i >> 1) - .5, 0);
+      corners.push_back(part == 0 ? flat : Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitY()) * flat + offset);
+    }
+  const auto made = simdata::prepared_mesh(corners, {{0, 1, 2}, {1, 3, 2}, {4, 5, 6}, {5, 7, 6}}, "m");
+  return made ? std::string() : made.error().message;
+}
+
+TEST(Mesh, FacesThatPassThroughEachOtherAreRefusedAndThoseThatTouchAreNot) {
+  EXPECT_THAT(complaint_about_two(1, {0, 0, 0}), HasSubstr("pass through each other")) << "middle in middle";
+  EXPECT_THAT(complaint_about_two(std::acos(0), {.23, .11, 0}), HasSubstr("at (0.230, "));
+  EXPECT_THAT(complaint_about_two(.3, {.4, .9, .02}), HasSubstr("pass through")) << "a corner only";
+  EXPECT_THAT(complaint_about_two(0, {.61, -.34, 0}), HasSubstr("lie in each other"));
+  EXPECT_EQ(complaint_about_two(0, {.61, -.34, .001}), "");
+  EXPECT_EQ(complaint_about_two(0, {1, 0, 0}), "") << "side by side, welded";
+  EXPECT_EQ(complaint_about_two(0, {1, .3, 0}), "") << "side by side, shifted";
+  for (double angle : {.4, 1.3, 2.2})
+    for (double rise : {0., .21}) {
+      const Eigen::Vector3d half(-.5 * std::cos(angle), rise,
+                                 .5 * std::sin(angle));  // its left side lies in the middle
+      EXPECT_EQ(complaint_about_two(angle, -half + Eigen::Vector3d(.1, 2 * rise, 0)), "")
+          << "stands on the other " << angle << " " << rise;
+      EXPECT_THAT(complaint_about_two(angle, -.9 * half + Eigen::Vector3d(.1, 1.9 * rise, 0)), HasSubstr("pass"))
+          << "and through it " << angle << " " << rise;
+    }
+}
+
+TEST(Layout, MeshesThatCrossAreNamed) {
+  support::TemporaryFolder folder;
+  std::string text;
+  for (const Eigen::Vector3d& x : cube_corners()) text += fmt::format("v {} {} {}\n", x.x(), x.y(), x.z());
+  for (const Eigen::Vector3i& f : cube_faces()) text += fmt::format("f {} {} {}\n", f.x() + 1, f.y() + 1, f.z() + 1);
+  std::ofstream(folder / "cube.obj") << text;
+  for (double x : {.37, 1., 1.01}) {
+    Simulation room;
+    for (double at : {0., x}) {
+      SimulatedSurface& cube = room.surfaces.emplace_back(surface("mesh"));
+      cube.id = at == 0 ? "one" : "other", cube.mesh = folder / "cube.obj", cube.origin = {at, .13 * at, .21 * at};
+    }
+    const auto checked = simdata::check_layout(Rig(), room, *simdata::make_shapes(room));
+    EXPECT_EQ(checked.has_value(), x > 1) << x;  // at 1 two faces lie in each other
+    if (checked) continue;
+    EXPECT_THAT(checked.error().message, HasSubstr("'one' and 'other'"));
+  }
 }
 
 TEST(Mesh, ObjAndPlyFilesAreReadAndBrokenOnesRefused) {
