@@ -29,22 +29,37 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
   for (int s = 0; s < surfaces; ++s)
     for (int k = 0; k < strata_ * strata_ && scene_->shape(s).form() != Shape::Form::kMesh; ++k)
       cells_[s].push_back(cell_at(s, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side));
-  // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each, and so have rooms
-  // whose numbers would not fit.
-  const bool draft = simulation.samples < 1024;
+  stand(simulation.samples < 1024);
+  gather(coarse_, "indirect light, coarse", progress);
+  gather(fine_, "indirect light", progress);
+  if (!mirrored_.at.empty()) gather_mirrored(progress);
+}
+
+// Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each, and so have rooms
+// whose numbers would not fit.
+void IndirectLight::stand(bool draft) {
+  const int surfaces = scene_->size();
   const double share = std::sqrt(2.0 / std::max(2, surfaces));
   const int coarse = static_cast<int>(share * (draft ? 140 : 768));
   double fine = share * (draft ? 560 : 4096), columns = 0;
   for (const auto& pairs : pairs_) columns += static_cast<double>(pairs.size()) + coarse;
   constexpr double kMostNumbers = 2e8;  // 800 MB
   fine = std::min(fine, std::max(200.0, kMostNumbers / (columns * surfaces)));
+  double by_gloss = share * (draft ? 100 : 400);
+  const double viewers = static_cast<double>(viewers_.size());
+  by_gloss = std::min(by_gloss, std::max(64.0, kMostNumbers / 2 / (3 * (1 + viewers) * columns * surfaces)));
+  bool any_gloss = false;
   for (int s = 0; s < surfaces; ++s) {
     fine_.at.emplace_back(*scene_, s, static_cast<int>(fine));
     coarse_.at.emplace_back(*scene_, s, coarse);
     any_by_rays_ |= by_rays(s);
+    any_gloss |= paint_.is_glossy(s);
   }
-  gather(coarse_, 0, "indirect light, coarse", progress);
-  gather(fine_, static_cast<int>(viewers_.size()), "indirect light", progress);
+  coarse_.walls = empty_walls(coarse_.at, 0, false);
+  fine_.walls = empty_walls(fine_.at, viewers_.size(), false);
+  if (!any_gloss) return;
+  for (int s = 0; s < surfaces; ++s) mirrored_.at.emplace_back(*scene_, s, static_cast<int>(by_gloss));
+  for (Walls& walls : mirrored_.channels) walls = empty_walls(mirrored_.at, viewers_.size(), true);
 }
 
 std::string IndirectLight::effort() const {
@@ -94,31 +109,74 @@ void IndirectLight::list_pairs() {
     if (paint_.has_daylight(s)) pairs_[s].emplace_back(-1, 0);
 }
 
-void IndirectLight::deposit(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y,
-                            double weight) const {
+void IndirectLight::Leaving::add_to(Wall& wall, int row, int t, double share) const {
+  for (const auto& [column, weight] : blocks) wall.from_blocks[t](row, column) += static_cast<float>(share * weight);
+  for (int i = 0; i < 4; ++i)
+    wall.from_receivers[t](row, stencil.index[i]) += static_cast<float>(share * diffuse) * stencil.weight[i];
+}
+
+void IndirectLight::leave(const SurfacePoint& y, const Eigen::Vector3d& out, Leaving& light) const {
   const int t = y.surface;
-  const Eigen::Vector3d to_y = (y.x - at.x).normalized(), to_x = -to_y;
-  const double reflected = weight * paint_.texture(y);
-  const double spread = paint_.evenly_lit(y, to_x);
-  const auto add = [&](Wall& wall, double share) {
-    for (std::size_t q = 0; q < emitters_.size(); ++q)
-      if (const auto beam = emitters_[q].beam(*scene_, y)) {
-        const int column = column_[t][q][emitters_[q].block_of(beam->pixel)];
-        const double lobe = beam->from_behind ? spread : paint_.lobe(y, beam->to_projector, to_x);
-        if (column >= 0) wall.from_blocks[t](row, column) += static_cast<float>(share * lobe * beam->irradiance);
-      }
-    if (paint_.has_daylight(t))
-      wall.from_blocks[t](row, wall.from_blocks[t].cols() - 1) +=
-          static_cast<float>(share * spread * paint_.daylight(y));
-    const Receivers::Stencil stencil = coarse_.at[t].stencil(y);
-    for (int i = 0; i < 4; ++i)
-      wall.from_receivers[t](row, stencil.index[i]) += static_cast<float>(share * spread) * stencil.weight[i];
+  light.blocks.clear();
+  light.stencil = coarse_.at[t].stencil(y), light.diffuse = paint_.directed(y, out);
+  const double spread = paint_.evenly_lit(y, out);
+  for (std::size_t q = 0; q < emitters_.size(); ++q)
+    if (const auto beam = emitters_[q].beam(*scene_, y)) {
+      const int column = column_[t][q][emitters_[q].block_of(beam->pixel)];
+      const double lobe = beam->from_behind ? spread : paint_.lobe(y, beam->to_projector, out);
+      if (column >= 0) light.blocks.emplace_back(column, lobe * beam->irradiance);
+    }
+  if (paint_.has_daylight(t))
+    light.blocks.emplace_back(static_cast<int>(pairs_[t].size()) - 1, spread * paint_.daylight(y));
+}
+
+void IndirectLight::mirror(const SurfacePoint& x, const SurfacePoint& y, std::size_t count,
+                           std::vector<double>& shares) const {
+  shares.assign(1, 1);
+  if (!paint_.is_glossy(x.surface)) return;
+  for (std::size_t k = 0; k + 1 < count; ++k)
+    shares.push_back(paint_.glossy(x, (y.x - x.x).normalized(), (viewers_[k] - x.x).normalized()));
+}
+
+void IndirectLight::deposit(Walls& walls, const SurfacePoint& x, int row, const SurfacePoint& y, double share,
+                            const std::vector<double>& mirrored, Leaving& scratch) const {
+  leave(y, (x.x - y.x).normalized(), scratch);
+  const double reflected = share * paint_.texture(y);
+  for (std::size_t k = 0; k < mirrored.size(); ++k)
+    if (mirrored[k] > 0) scratch.add_to(walls[k][x.surface], row, y.surface, reflected * mirrored[k]);
+}
+
+void IndirectLight::deposit_mirrored(const SurfacePoint& x, int row, const SurfacePoint& first, double share,
+                                     Random& random) {
+  std::vector<double> shares;
+  mirror(x, first, mirrored_.channels[0].size(), shares);
+  const auto add = [&](const auto& to_wall, const Eigen::Array3d& light) {
+    for (int c = 0; c < 3; ++c)
+      for (std::size_t k = 0; k < shares.size(); ++k)
+        if (shares[k] > 0) to_wall(mirrored_.channels[c][k][x.surface], light[c] * shares[k]);
   };
-  add(standing.walls[at.surface], reflected);
-  if (!paint_.is_glossy(at.surface)) return;
-  for (std::size_t k = 0; k < standing.mirrors.size(); ++k) {
-    const double mirrored = paint_.glossy(at, to_y, (viewers_[k] - at.x).normalized());
-    if (mirrored > 0) add(standing.mirrors[k][at.surface], reflected * mirrored);
+  SurfacePoint y = first;
+  Eigen::Vector3d out = (x.x - y.x).normalized();
+  Eigen::Array3d light = Eigen::Array3d::Constant(share);
+  Leaving next;
+  while (true) {
+    const double a = random.uniform(), b = random.uniform();
+    const Paint::Mirrored in = paint_.mirrored(y, out, a, b);
+    if (!(in.weight > 0)) return;
+    light *= in.weight * paint_.texture(y) * paint_.base()[y.surface].head<3>().cast<double>();
+    const SceneHit hit = scene_->hit(y, in.direction);
+    if (hit.at.surface < 0)
+      add([&](Wall& wall, double value) { wall.escape[row] += static_cast<float>(value); }, light);
+    if (!hit.front) return;
+    y = hit.at, out = -in.direction;
+    leave(y, out, next);
+    const double texture = paint_.texture(y);
+    add([&](Wall& wall, double value) { next.add_to(wall, row, y.surface, value * texture); }, light);
+    // Gloss meets gloss: Russian roulette by its share.
+    if (const double gloss = paint_.gloss(y.surface); random.uniform() < gloss)
+      light /= gloss;
+    else
+      return;
   }
 }
 
@@ -127,37 +185,36 @@ IndirectLight::Cell IndirectLight::cell_at(int surface, double u, double v, doub
   return {surface, u, v, du, dv, shape.at(u, v).x, shape.diagonal(u, v, du, dv)};
 }
 
-void IndirectLight::gather_cell(Standing& standing, const SurfacePoint& at, int row, const Cell& cell, Random& random,
-                                int depth) const {
+void IndirectLight::look_at_cell(const SurfacePoint& at, const Cell& cell, Random& random, int depth,
+                                 const Visit& visit) const {
   constexpr double kLargest = 0.25;  // a stratum's diagonal against its distance
   if (depth > 0 && cell.diagonal > kLargest * (cell.centre - at.x).norm()) {
     for (int k = 0; k < 4; ++k)
-      gather_cell(standing, at, row,
-                  cell_at(cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
-                          cell.du / 2, cell.dv / 2),
-                  random, depth - 1);
+      look_at_cell(at,
+                   cell_at(cell.surface, cell.u + (k % 2 - 0.5) * cell.du / 2, cell.v + (k / 2 - 0.5) * cell.dv / 2,
+                           cell.du / 2, cell.dv / 2),
+                   random, depth - 1, visit);
     return;
   }
   const Shape& from = scene_->shape(cell.surface);
   const double du = (random.uniform() - 0.5) * cell.du, dv = (random.uniform() - 0.5) * cell.dv;
   for (double sign : {1.0, -1.0}) {
     const SurfacePoint y = scene_->point(cell.surface, cell.u + sign * du, cell.v + sign * dv);
-    see(standing, at, row, y, from.area_element(y.u, y.v) * cell.du * cell.dv / 2);
+    see(at, y, from.area_element(y.u, y.v) * cell.du * cell.dv / 2, random, visit);
   }
 }
 
-void IndirectLight::see(Standing& standing, const SurfacePoint& at, int row, const SurfacePoint& y, double area) const {
+void IndirectLight::see(const SurfacePoint& at, const SurfacePoint& y, double area, Random& random,
+                        const Visit& visit) const {
   const Eigen::Vector3d to_y = y.x - at.x;
   const double r2 = to_y.squaredNorm();
   const double cos_x = at.normal.dot(to_y), cos_y = -y.normal.dot(to_y);  // times r
   if (!(cos_x > 0) || !(r2 > 0) || !scene_->visible(at, y.x, y.surface)) return;
-  const double weight = cos_x * std::abs(cos_y) * area / (std::numbers::pi * r2 * r2);
-  standing.walls[at.surface].escape[row] -= static_cast<float>(weight);
-  if (cos_y > 0) deposit(standing, at, row, y, weight);  // the back of a surface is black
+  visit(y, cos_x * std::abs(cos_y) * area / (std::numbers::pi * r2 * r2), cos_y > 0, random);
 }
 
-void IndirectLight::gather_triangle(Standing& standing, const SurfacePoint& at, int row, const Triangle& part,
-                                    Random& random, int depth) const {
+void IndirectLight::look_at_triangle(const SurfacePoint& at, const Triangle& part, Random& random, int depth,
+                                     const Visit& visit) const {
   constexpr double kLargest = 0.35;
   const auto& mesh = static_cast<const MeshShape&>(scene_->shape(part.surface));
   const auto point = [&](const Eigen::Vector2d& b) {
@@ -172,7 +229,7 @@ void IndirectLight::gather_triangle(Standing& standing, const SurfacePoint& at, 
     const Eigen::Vector2d ab = (a + b) / 2, bc = (b + c) / 2, ca = (c + a) / 2;
     const std::array<Eigen::Vector2d, 3> parts[4] = {{a, ab, ca}, {ab, b, bc}, {ca, bc, c}, {ab, bc, ca}};
     for (const auto& corners : parts)
-      gather_triangle(standing, at, row, {part.surface, part.face, corners}, random, depth - 1);
+      look_at_triangle(at, {part.surface, part.face, corners}, random, depth - 1, visit);
     return;
   }
   double s = random.uniform(), t = random.uniform();
@@ -180,7 +237,7 @@ void IndirectLight::gather_triangle(Standing& standing, const SurfacePoint& at, 
   const double area = (xb - xa).cross(xc - xa).norm() / 2;
   const double weights[3] = {1 - s - t, s, t};
   for (int k = 0; k < 3; ++k)  // turned twice: their mean is the centre
-    see(standing, at, row, point(weights[k] * a + weights[(k + 1) % 3] * b + weights[(k + 2) % 3] * c), area / 3);
+    see(at, point(weights[k] * a + weights[(k + 1) % 3] * b + weights[(k + 2) % 3] * c), area / 3, random, visit);
 }
 
 bool IndirectLight::by_rays(int surface) const {
@@ -188,77 +245,98 @@ bool IndirectLight::by_rays(int surface) const {
   return mesh && static_cast<int>(mesh->triangles().faces.size()) > std::max(4 * strata_ * strata_, 3000);
 }
 
-// Cosine-weighted rays: what one meets has the weight 1 / rays.
-void IndirectLight::gather_rays(Standing& standing, int surface, int index, Random& random) const {
-  const SurfacePoint& at = standing.at[surface].point(index);
-  const double weight = 1.0 / (strata_ * strata_);
+// Cosine-weighted rays: what one meets has the share 1 / rays.
+void IndirectLight::look_along_rays(const SurfacePoint& at, Random& random, const Visit& visit) const {
+  const double share = 1.0 / (strata_ * strata_);
   for (int k = 0; k < strata_ * strata_; ++k) {
     const double a = (k % strata_ + random.uniform()) / strata_, b = (k / strata_ + random.uniform()) / strata_;
     const SceneHit hit = scene_->hit(at, cosine_direction(at.normal, at.along_u, a, b));
-    if (hit.at.surface < 0 || !by_rays(hit.at.surface)) continue;
-    standing.walls[surface].escape[index] -= static_cast<float>(weight);
-    if (hit.front) deposit(standing, at, index, hit.at, weight);
+    if (hit.at.surface >= 0 && by_rays(hit.at.surface)) visit(hit.at, share, hit.front, random);
   }
 }
 
-void IndirectLight::gather_at(Standing& standing, int surface, int index) const {
+void IndirectLight::look_around(const Receivers& receivers, int surface, int index, const Visit& visit) const {
   constexpr int kDepth = 14;
-  const SurfacePoint& at = standing.at[surface].point(index);
-  standing.walls[surface].escape[index] = 1;
-  Random random(mix(seed_ ^ mix((standing.at[surface].size() * 16ull + surface) << 32 | index)));
+  const SurfacePoint& at = receivers.point(index);
+  Random random(mix(seed_ ^ mix((receivers.size() * 16ull + surface) << 32 | index)));
   for (int t = 0; t < scene_->size(); ++t) {
     const Shape& from = scene_->shape(t);
     if (by_rays(t) || (t == surface && !from.sees_itself())) continue;
     if (const auto* mesh = dynamic_cast<const MeshShape*>(&from)) {
       for (int f = 0; f < static_cast<int>(mesh->triangles().faces.size()); ++f)
         if (t != surface || f != at.face)
-          gather_triangle(standing, at, index, {t, f, {{{0, 0}, {1, 0}, {0, 1}}}}, random, kDepth);
+          look_at_triangle(at, {t, f, {{{0, 0}, {1, 0}, {0, 1}}}}, random, kDepth, visit);
       continue;
     }
     const int depth = t == surface ? 4 : kDepth;  // near itself a smooth surface exchanges evenly: 1 / (4 pi R^2)
-    for (const Cell& cell : cells_[t]) gather_cell(standing, at, index, cell, random, depth);
+    for (const Cell& cell : cells_[t]) look_at_cell(at, cell, random, depth, visit);
   }
-  if (any_by_rays_) gather_rays(standing, surface, index, random);
+  if (any_by_rays_) look_along_rays(at, random, visit);
 }
 
-IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows) const {
+// by_gloss: light that comes by way of another surface, from any surface, its own too.
+IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows, bool by_gloss) {
   Wall wall;
   for (int t = 0; t < scene_->size(); ++t) {
-    const bool unseen = t == surface && !scene_->shape(t).sees_itself();
+    const bool unseen = t == surface && !scene_->shape(t).sees_itself() && !by_gloss;
     wall.from_blocks.push_back(Weights::Zero(unseen ? 0 : rows, static_cast<int>(pairs_[t].size())));
     wall.from_receivers.push_back(Weights::Zero(unseen ? 0 : rows, coarse_.at[t].size()));
+    entries_ += wall.from_blocks.back().size() + wall.from_receivers.back().size();
   }
   wall.escape = Eigen::VectorXf::Zero(rows);
   return wall;
 }
 
-void IndirectLight::gather(Standing& standing, int viewers, const char* stage, Progress& progress) {
-  const int surfaces = scene_->size();
-  standing.mirrors.resize(viewers);
+IndirectLight::Walls IndirectLight::empty_walls(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss) {
+  Walls walls(1 + viewers);
+  for (std::size_t k = 0; k < walls.size(); ++k)
+    for (int s = 0; s < scene_->size(); ++s)
+      walls[k].push_back(k == 0 || paint_.is_glossy(s) ? empty_wall(s, at[s].size(), by_gloss) : Wall{});
+  return walls;
+}
+
+template <class Each>
+void IndirectLight::for_each_receiver(const std::vector<Receivers>& at, const char* stage, Progress& progress,
+                                      Each each) const {
   std::vector<std::pair<int, int>> all;  // (surface, receiver)
-  const auto count = [&](const Wall& wall) {
-    for (const Weights& w : wall.from_blocks) entries_ += w.size();
-    for (const Weights& w : wall.from_receivers) entries_ += w.size();
-  };
-  for (int s = 0; s < surfaces; ++s) {
-    const int rows = standing.at[s].size();
-    standing.walls.push_back(empty_wall(s, rows));
-    count(standing.walls.back());
-    for (auto& mirrors : standing.mirrors) {
-      mirrors.push_back(paint_.is_glossy(s) ? empty_wall(s, rows) : Wall{});
-      count(mirrors.back());
-    }
-    for (int i = 0; i < rows; ++i) all.emplace_back(s, i);
-  }
+  for (int s = 0; s < scene_->size(); ++s)
+    for (int i = 0; i < at[s].size(); ++i) all.emplace_back(s, i);
   constexpr int kSteps = 32;
   const std::size_t total = all.size();
   for (int step = 0; step < kSteps; ++step) {
     progress.step(stage, step, kSteps);
     const std::size_t begin = step * total / kSteps, end = (step + 1) * total / kSteps;
-    parallel_for(static_cast<int>(end - begin),
-                 [&](int i) { gather_at(standing, all[begin + i].first, all[begin + i].second); });
+    parallel_for(static_cast<int>(end - begin), [&](int i) { each(all[begin + i].first, all[begin + i].second); });
   }
   progress.step(stage, kSteps, kSteps);
+}
+
+void IndirectLight::gather(Standing& standing, const char* stage, Progress& progress) const {
+  for_each_receiver(standing.at, stage, progress, [&](int s, int row) {
+    const SurfacePoint& x = standing.at[s].point(row);
+    const auto escape = [&](std::size_t k) -> float& { return standing.walls[k][s].escape[row]; };
+    escape(0) = 1;
+    for (std::size_t k = 1; k < standing.walls.size() && paint_.is_glossy(s); ++k) {
+      const Eigen::Vector3d out = (viewers_[k - 1] - x.x).normalized();
+      if (x.normal.dot(out) > 0) escape(k) = static_cast<float>(paint_.evenly_lit(x, out) - paint_.directed(x, out));
+    }
+    std::vector<double> mirrored;
+    Leaving scratch;
+    look_around(standing.at[s], s, row, [&](const SurfacePoint& y, double share, bool front, Random&) {
+      mirror(x, y, standing.walls.size(), mirrored);
+      for (std::size_t k = 0; k < mirrored.size(); ++k) escape(k) -= static_cast<float>(share * mirrored[k]);
+      if (front) deposit(standing.walls, x, row, y, share, mirrored, scratch);  // the back of a surface is black
+    });
+  });
+}
+
+void IndirectLight::gather_mirrored(Progress& progress) {
+  for_each_receiver(mirrored_.at, "indirect light, mirrored", progress, [&](int s, int row) {
+    const SurfacePoint& x = mirrored_.at[s].point(row);
+    look_around(mirrored_.at[s], s, row, [&](const SurfacePoint& y, double share, bool front, Random& random) {
+      if (front && paint_.is_glossy(y.surface)) deposit_mirrored(x, row, y, share, random);
+    });
+  });
 }
 
 Rgb IndirectLight::applied(const std::vector<Weights>& weights, int rows, const std::vector<Rgb>& sent) const {
@@ -285,11 +363,13 @@ std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int v
     }
     blocks.push_back(std::move(b));
   }
-  for (int s = 0; s < surfaces; ++s)
-    once.push_back(applied(coarse_.walls[s].from_blocks, coarse_.at[s].size(), blocks));
+  for (int s = 0; s < surfaces; ++s) {
+    once.push_back(applied(coarse_.walls[0][s].from_blocks, coarse_.at[s].size(), blocks));
+    if (!mirrored_.at.empty()) once[s] += mirrored(0, s, Source::kBlocks, blocks, coarse_.at[s]);
+  }
   irradiance = once;
   const auto reflect = [&](int t) {
-    bounced[t] = ((irradiance[t].colwise() + coarse_.walls[t].escape * ambient_).array().rowwise() *
+    bounced[t] = ((irradiance[t].colwise() + coarse_.walls[0][t].escape * ambient_).array().rowwise() *
                   paint_.base()[t].transpose())
                      .matrix();
   };
@@ -297,7 +377,8 @@ std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int v
   for (int bounce = 0; bounce < 1000; ++bounce) {  // converges like (albedo times form factor) to the power of bounces
     float change = 0, largest = 0;
     for (int s = 0; s < surfaces; ++s) {
-      Rgb next = once[s] + applied(coarse_.walls[s].from_receivers, coarse_.at[s].size(), bounced);
+      Rgb next = once[s] + applied(coarse_.walls[0][s].from_receivers, coarse_.at[s].size(), bounced);
+      if (!mirrored_.at.empty()) next += mirrored(0, s, Source::kReceivers, bounced, coarse_.at[s]);
       change = std::max(change, (next - irradiance[s]).cwiseAbs().maxCoeff());
       largest = std::max(largest, next.cwiseAbs().maxCoeff());
       irradiance[s] = std::move(next);
@@ -305,14 +386,38 @@ std::vector<Rgb> IndirectLight::solve(std::span<const PictureLight> light, int v
     }
     if (change <= 1e-6f * largest) break;
   }
-  const auto field = [&](const Wall& wall, int rows) {
-    return Rgb(applied(wall.from_blocks, rows, blocks) + applied(wall.from_receivers, rows, bounced));
+  const auto field = [&](int k, int s) {
+    const int rows = fine_.at[s].size();
+    Rgb sum =
+        applied(fine_.walls[k][s].from_blocks, rows, blocks) + applied(fine_.walls[k][s].from_receivers, rows, bounced);
+    if (!mirrored_.at.empty())
+      sum += mirrored(k, s, Source::kBlocks, blocks, fine_.at[s]) +
+             mirrored(k, s, Source::kReceivers, bounced, fine_.at[s]);
+    return sum;
   };
   std::vector<Rgb> fields;
-  for (int s = 0; s < surfaces; ++s) fields.push_back(field(fine_.walls[s], fine_.at[s].size()));
-  for (int s = 0; s < surfaces; ++s)
-    fields.push_back(paint_.is_glossy(s) ? field(fine_.mirrors[viewer][s], fine_.at[s].size()) : Rgb());
+  for (int s = 0; s < surfaces; ++s) fields.push_back(field(0, s));
+  for (int s = 0; s < surfaces; ++s) fields.push_back(paint_.is_glossy(s) ? field(1 + viewer, s) : Rgb());
   return fields;
+}
+
+Rgb IndirectLight::mirrored(int towards, int surface, Source source, const std::vector<Rgb>& sent,
+                            const Receivers& to) const {
+  const Receivers& from = mirrored_.at[surface];
+  Rgb at = Rgb::Zero(from.size(), 4);
+  for (int c = 0; c < 3; ++c) {
+    const Wall& wall = mirrored_.channels[c][towards][surface];
+    if (source == Source::kBlocks) at.col(c) = wall.escape * ambient_;
+    const std::vector<Weights>& weights = source == Source::kBlocks ? wall.from_blocks : wall.from_receivers;
+    for (std::size_t t = 0; t < weights.size(); ++t) at.col(c).noalias() += weights[t] * sent[t].col(c);
+  }
+  Rgb out(to.size(), 4);
+  for (int i = 0; i < to.size(); ++i) {
+    const Receivers::Stencil stencil = from.stencil(to.point(i));
+    out.row(i).setZero();
+    for (int k = 0; k < 4; ++k) out.row(i) += stencil.weight[k] * at.row(stencil.index[k]);
+  }
+  return out;
 }
 
 }  // namespace countershade::simdata

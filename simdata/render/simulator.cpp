@@ -122,12 +122,13 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
   State& made = *simulator->state_;
   for (const CameraSpec& spec : rig.cameras) {
     progress.step("views", static_cast<double>(made.views.size()), static_cast<double>(rig.cameras.size()));
-    const Device& device = cameras[made.views.size()];
+    const int viewer = static_cast<int>(made.views.size());
+    const Device& device = cameras[viewer];
     made.cameras.push_back(spec);
     made.views.push_back(std::make_unique<View>(camera_of(simulation, spec.id), device, *made.scene, made.emitters,
-                                                made.paint, *made.indirect, simulation.ambient));
+                                                made.paint, *made.indirect, viewer, simulation.ambient));
     View& view = *made.views.back();
-    const float scale = exposure_scale(view, simulator->light(static_cast<int>(made.views.size()) - 1, white));
+    const float scale = exposure_scale(view, simulator->light(viewer, white));
     if (!(scale > 0))
       return error(
           ErrorCode::kBadValue,
@@ -163,7 +164,7 @@ std::shared_ptr<const View> Simulator::moved_view(int camera, const Pose& moved_
   Device device = view.device();
   device.device_from_world = moved_from_camera * device.device_from_world;
   auto moved = std::make_shared<View>(view.spec(), device, *state_->scene, state_->emitters, state_->paint,
-                                      *state_->indirect, state_->simulation.ambient);
+                                      *state_->indirect, camera, state_->simulation.ambient);
   moved->set_scale(view.scale());
   return moved;
 }

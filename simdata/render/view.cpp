@@ -21,11 +21,12 @@ Light4 interpolated(const Rgb& field, const Receivers::Stencil& s) {
 }  // namespace
 
 View::View(const SimulatedCamera& spec, const Device& device, const Scene& scene, const std::vector<Emitter>& emitters,
-           const Paint& paint, const IndirectLight& indirect, double ambient)
+           const Paint& paint, const IndirectLight& indirect, int viewer, double ambient)
     : spec_(spec),
       device_(device),
       base_(paint.base()),
       surfaces_(scene.size()),
+      viewer_(viewer),
       paint_(paint),
       ambient_(static_cast<float>(ambient)) {
   base_.insert(base_.end(), paint.base().begin(), paint.base().end());
@@ -130,9 +131,10 @@ void View::add_direct(int y, std::span<const PictureLight> light, const Indirect
         row[w.column] += ambient_ * w.factor;
         continue;
       }
-      if (w.field >= surfaces_) continue;
+      const Eigen::VectorXf& escape =
+          w.field < surfaces_ ? indirect.escape(w.field) : indirect.mirrored_escape(w.field - surfaces_, viewer_);
       float open = 0;
-      for (int i = 0; i < 4; ++i) open += w.stencil.weight[i] * indirect.escape(w.field)[w.stencil.index[i]];
+      for (int i = 0; i < 4; ++i) open += w.stencil.weight[i] * escape[w.stencil.index[i]];
       row[w.column] += base_[w.field] * (w.factor * ambient_ * open);
     }
 }

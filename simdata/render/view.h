@@ -12,8 +12,9 @@ namespace countershade::simdata {
 
 class View {
  public:
+  // viewer: which of those of `indirect` it is.
   View(const SimulatedCamera& spec, const Device& device, const Scene& scene, const std::vector<Emitter>& emitters,
-       const Paint& paint, const IndirectLight& indirect, double ambient);
+       const Paint& paint, const IndirectLight& indirect, int viewer, double ambient);
 
   const SimulatedCamera& spec() const { return spec_; }
   const Device& device() const { return device_; }
@@ -67,7 +68,7 @@ class View {
   SimulatedCamera spec_;
   Device device_;
   std::vector<Light4> base_;  // per field
-  int surfaces_ = 0;
+  int surfaces_ = 0, viewer_ = 0;
   const Paint& paint_;
   float ambient_ = 0, scale_ = 1;
   double coverage_ = 0;

@@ -111,6 +111,31 @@ double Paint::lobe(const SurfacePoint& at, const Eigen::Vector3d& in, const Eige
   return is_diffuse(at.surface) ? 1 : directed(at, out) + glossy(at, in, out);
 }
 
+Paint::Mirrored Paint::mirrored(const SurfacePoint& at, const Eigen::Vector3d& out, double a, double b) const {
+  const double alpha = of_[at.surface].roughness;
+  const Eigen::Vector3d across = at.normal.cross(at.along_u);
+  const Eigen::Vector3d o(at.along_u.dot(out), across.dot(out), at.normal.dot(out));
+  if (!(o.z() > 0)) return {};
+  // The hemisphere of normals, stretched to that of a surface of roughness 1, seen from `out`: half a disc beside a
+  // shortened one.
+  const Eigen::Vector3d seen = Eigen::Vector3d(alpha * o.x(), alpha * o.y(), o.z()).normalized();
+  const double sideways = std::hypot(seen.x(), seen.y());
+  const Eigen::Vector3d s =
+      sideways > 0 ? Eigen::Vector3d(-seen.y() / sideways, seen.x() / sideways, 0) : Eigen::Vector3d::UnitX();
+  const Eigen::Vector3d t = seen.cross(s);
+  const double radius = std::sqrt(a), p = radius * std::cos(2 * kPi * b), whole = radius * std::sin(2 * kPi * b);
+  const double shortened = (1 + seen.z()) / 2, q = (1 - shortened) * std::sqrt(1 - p * p) + shortened * whole;
+  const Eigen::Vector3d n = p * s + q * t + std::sqrt(std::max(0.0, 1 - p * p - q * q)) * seen;
+  const Eigen::Vector3d normal = Eigen::Vector3d(alpha * n.x(), alpha * n.y(), std::max(0.0, n.z())).normalized();
+  const Eigen::Vector3d i = 2 * o.dot(normal) * normal - o;
+  if (!(i.z() > 0)) return {};
+  const auto lambda = [&](double cosine) {  // Smith's
+    return (std::sqrt(1 + alpha * alpha * (1 / (cosine * cosine) - 1)) - 1) / 2;
+  };
+  const double unmasked = (1 + lambda(o.z())) / (1 + lambda(o.z()) + lambda(i.z()));
+  return {i.x() * at.along_u + i.y() * across + i.z() * at.normal, of_[at.surface].gloss * unmasked};
+}
+
 double Paint::evenly_lit(const SurfacePoint& at, const Eigen::Vector3d& out) const {
   if (is_diffuse(at.surface)) return 1;
   const std::vector<double>& table = glossy_albedo_[at.surface];

@@ -35,6 +35,15 @@ class Paint {
   // The two parts of lobe: what does not depend on where the light comes from, and what does.
   double directed(const SurfacePoint& at, const Eigen::Vector3d& out) const;
   double glossy(const SurfacePoint& at, const Eigen::Vector3d& in, const Eigen::Vector3d& out) const;
+  double gloss(int surface) const { return of_[surface].gloss; }
+  // A direction from which the glossy part of the lobe mirrors light towards `out`, for (a, b) in the unit square, so
+  // that its weight is the estimate of glossy() cos(in) / pi over the hemisphere; no weight where (a, b) leads below
+  // the surface. Normals are drawn as `out` sees them (Heitz 2018).
+  struct Mirrored {
+    Eigen::Vector3d direction;
+    double weight = 0;
+  };
+  Mirrored mirrored(const SurfacePoint& at, const Eigen::Vector3d& out, double a, double b) const;
   // The lobe's value towards `out` where light comes evenly from everywhere.
   double evenly_lit(const SurfacePoint& at, const Eigen::Vector3d& out) const;
   // Share of light from behind that the screen lets through, in albedos.

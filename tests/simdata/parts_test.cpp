@@ -316,6 +316,52 @@ TEST(Gloss, FirstReflectionIsThatOfPathTracing) {
   EXPECT_LT(std::abs(deviation), 4 * std::sqrt(variance) + .01 * sum);  // second reflections, a draft's interpolation
 }
 
+// Much gloss and much albedo: light that has bounced meets gloss again and again.
+TEST(Gloss, AllReflectionsAreThoseOfPathTracing) {
+  auto room = simdata::smaller(*simdata::default_room("glossy"), 8, 8, 1024);
+  room.simulation.block_px = 4, room.simulation.ambient = .1;
+  for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = {.8, .9, .7}, wall.texture = .1;
+  room.simulation.surfaces[0].gloss = .95, room.simulation.surfaces[0].roughness = .4;
+  room.simulation.surfaces[1].gloss = .85, room.simulation.surfaces[1].roughness = .5;
+  const auto simulator = test::simulate(room);
+  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
+  const simdata::TrueGeometry g = simulator->geometry(0);
+  std::vector<Eigen::Vector2d> pixels;
+  for (int y = 30; y < 120; y += 6)
+    for (int x = 12; x < 230; x += 8)
+      if (test::inside_wall(g, x, y)) pixels.emplace_back(x, y);
+  ASSERT_GT(pixels.size(), 150u);
+  const Image fast = simulator->light(0, pictures).indirect;
+  const auto traced = simulator->trace_indirect(0, pictures, pixels, 12000);
+  for (int c = 0; c < 3; ++c) {
+    double deviation = 0, sum = 0, variance = 0;
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      const double value = fast.at(static_cast<int>(pixels[i].x()), static_cast<int>(pixels[i].y()), c);
+      deviation += value - traced.mean[3 * i + c], sum += traced.mean[3 * i + c];
+      variance += std::pow(traced.standard_error[3 * i + c], 2);
+    }
+    EXPECT_LT(std::abs(deviation), 4 * std::sqrt(variance) + 1e-3 * sum) << c;
+  }
+}
+
+// In an even surround a lone wall looks as it does where light comes evenly from everywhere, gloss and all.
+TEST(Gloss, MirrorsTheSurround) {
+  auto room = test::small_room();
+  room.simulation.surfaces.resize(1);
+  SimulatedSurface& wall = room.simulation.surfaces[0];
+  wall.gloss = .5, wall.roughness = .3;
+  room.simulation.ambient = .3;
+  for (SimulatedProjector& p : room.simulation.projectors) {
+    p.black_level = 0;
+    p.target = {wall.origin[0] + wall.along_u[0] / 2, p.target[1], wall.origin[2] + wall.along_u[2] / 2};
+  }
+  const simdata::Paint paint(room.simulation);
+  expect_even(room, std::vector<Picture>(2),
+              [&](const simdata::Scene&, const simdata::SurfacePoint& at, const Eigen::Vector3d& out) {
+                return paint.evenly_lit(at, out);
+              });
+}
+
 // Where a full cylinder's chart is cut makes no difference.
 TEST(Seam, OfAColumnIsNotSeen) {
   Image first;
