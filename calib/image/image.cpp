@@ -177,6 +177,17 @@ Image box_reduce(const Image& image, int factor) {
   return out;
 }
 
+void take_out_veil(Image& photo, double share) {
+  if (share == 0 || photo.pixels() == 0) return;
+  const int channels = photo.channels();
+  for (int c = 0; c < channels; ++c) {
+    double sum = 0;
+    for (std::size_t i = 0; i < photo.pixels(); ++i) sum += photo.data()[channels * i + c];
+    const auto veil = static_cast<float>(share * sum / static_cast<double>(photo.pixels()));
+    for (std::size_t i = 0; i < photo.pixels(); ++i) photo.data()[channels * i + c] -= veil;
+  }
+}
+
 Image luminance_mean(const Image& image) {
   Image out(image.width(), image.height(), 1);
   const int channels = image.channels();

@@ -63,6 +63,9 @@ NoiseModel estimate_noise(std::span<const Photo> photos);
 // sqrt(12)); coarse converters hide the noise that estimate_noise looks for. 0 where all values are equal.
 double rounding_sigma(std::span<const Photo> photos);
 
+// Takes out what veiling glare lays over a photo evenly: `share` of its own mean, per channel.
+void take_out_veil(Image& photo, double share);
+
 // Value of channel c at (x, y) between pixel centres, bilinear, clamped at the border; NaN for a NaN.
 float sample_bilinear(const Image& image, double x, double y, int c);
 

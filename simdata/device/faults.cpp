@@ -56,9 +56,6 @@ std::vector<std::uint16_t> table(Curve curve) {
   return values;
 }
 
-void add(Image& light, double value) {
-  for (float& v : light.data()) v += static_cast<float>(value);
-}
 void multiply(Image& light, double factor) {
   for (float& v : light.data()) v *= static_cast<float>(factor);
 }
@@ -89,7 +86,7 @@ const std::vector<FaultKind>& fault_kinds() {
       {"camera-shaken", "degrees rms", 0.02, 0.0001, 5, 0, "the tripod trembles: every photo looks elsewhere"},
       {"camera-drifts", "degrees per photo", 0.002, 0.00001, 1, 0, "the camera's mount gives way, evenly"},
       {"defocus", "camera px, sigma", 2, 0.1, 50, 0, "the camera's lens is out of focus"},
-      {"glare", "share of the mean", 0.05, 0.0001, 1, 0, "veiling glare: the frame's mean light lies over it"},
+      {"glare", "share of the mean", 0.05, 0.0001, 1, 0, "veiling glare: the mean light of each channel lies over it"},
       {"dust", "specks", 25, 1, 10000, 0, "dust on the sensor: dark spots that stay"},
       {"auto-exposure", "strength", 0.7, 0.01, 1, 0, "the camera adapts its exposure to every photo"},
       {"saturated", "factor", 1.6, 1.01, 100, 0, "the exposure is too long"},
@@ -229,7 +226,7 @@ void Faults::light(Image& light, std::uint64_t photo) const {
         });
       }
   if (const double v = value(photo, "defocus"); v > 0) light = blurred(light, v);
-  if (const double v = value(photo, "glare"); v > 0) add(light, v * mean(light));
+  if (const double v = value(photo, "glare"); v > 0) take_out_veil(light, -v);
   const int specks = static_cast<int>(value(photo, "dust"));
   Random random(mix(seed_ ^ hash_name("dust")));
   for (int i = 0; i < specks; ++i) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 
 #include "calib/base/parallel.h"
 
@@ -57,8 +58,9 @@ struct PatchProblem {
   std::vector<std::vector<double>> rows;  // coefficients over sigma
   std::vector<double> measured;           // over sigma
   std::vector<double> sigma, noise, spread;
-  std::vector<bool> lit;  // per projector
-  double scale = 1;       // largest m, the unit of weak priors
+  std::vector<double> mean;  // of the photo, over sigma
+  std::vector<bool> lit;     // per projector
+  double scale = 1;          // largest m, the unit of weak priors
 };
 
 PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shade, int patch, int c, double share) {
@@ -82,6 +84,7 @@ PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shad
     row.push_back(shade[f].sum(patch, c) / sigma);
     problem.rows.push_back(std::move(row));
     problem.measured.push_back(frame.m(patch, c) / sigma);
+    problem.mean.push_back(frame.mean[c] / sigma);
     problem.scale = std::max(f ? problem.scale : 0.0, static_cast<double>(frame.m(patch, c)));
   }
   return problem;
@@ -100,6 +103,29 @@ double k_sigma_of(const PatchProblem& problem, const std::vector<double>& weak) 
   const Eigen::VectorXd others = normal.col(n - 1).head(n - 1);
   const double information = normal(n - 1, n - 1) - others.dot(normal.topLeftCorner(n - 1, n - 1).ldlt().solve(others));
   return information > 1e-12 * normal(n - 1, n - 1) && information > 0 ? 1 / std::sqrt(information) : HUGE_VAL;
+}
+
+// What one patch says of the veil's share: its weighted sum and its weight.
+struct VeilSums {
+  double product = 0, square = 0;
+};
+
+// Frisch & Waugh 1933: what is left of the photo's mean once a, e and k have explained of it what they can, against
+// what is left of the measurements. `gathered`: the patch's sum of form factors to patches that are seen: a veil over
+// those counts as light that they send. The model may be wrong by a share of the indirect light, so frames count the
+// less the more of it they have: most tells who is lit by nobody.
+VeilSums veil_of(const PatchProblem& problem, double k, double gathered) {
+  constexpr double kModelError = 0.03;
+  const int n = static_cast<int>(problem.lit.size()) + 2, rows = static_cast<int>(problem.rows.size());
+  Eigen::MatrixXd X(rows, n);
+  Eigen::MatrixXd both(rows, 2);  // the veil's shape, the measurement
+  for (int r = 0; r < rows; ++r) {
+    const double weight = 1 / std::hypot(1.0, kModelError * problem.rows[r].back());
+    X.row(r) = weight * Eigen::Map<const Eigen::RowVectorXd>(problem.rows[r].data(), n);
+    both.row(r) << weight * problem.mean[r] * (1 - k * gathered), weight * problem.measured[r];
+  }
+  const Eigen::MatrixXd left = both - X * X.completeOrthogonalDecomposition().solve(both);
+  return {left.col(0).dot(left.col(1)), left.col(0).squaredNorm()};
 }
 
 // `start`: the solution of a former pass, from the data alone; then the prior is robust.
@@ -225,25 +251,35 @@ std::vector<double> held_out_errors(const Eigen::MatrixXf& F, const PhotometricD
   return errors;
 }
 
-}  // namespace
+// A fit of frames as they are, and the veil that its residuals show. Where the fit must be refused the veil may be why.
+struct PlainFit {
+  PhotometricFit fit;
+  std::optional<Error> refusal;
+  double veil = 0, veil_sigma = HUGE_VAL;
+};
 
-Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
-                                      const PhotometricOptions& options, Progress& progress) {
+// The share that patches agree on, with the standard error that their disagreement gives it.
+void pool_veil(const std::vector<VeilSums>& all, PlainFit& plain) {
+  double product = 0, square = 0, scatter = 0;
+  for (const VeilSums& v : all) product += v.product, square += v.square;
+  if (!(square > 0)) return;
+  plain.veil = product / square;
+  for (const VeilSums& v : all) scatter += std::pow(v.product - plain.veil * v.square, 2);
+  plain.veil_sigma = std::sqrt(scatter) / square;
+}
+
+Result<PlainFit> fit_frames(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
+                            const PhotometricOptions& options, Progress& progress) {
   const int P = patches.size();
-  CS_CHECK(F.rows() == P && F.cols() == P && data.seen.size() == P, "form factors, patches and data differ in size");
-  if (data.frames.size() < 3)
-    return error(
-        ErrorCode::kRefused,
-        "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
-        "with the sequence that `countershade patterns` writes",
-        data.frames.size());
   const std::size_t projectors = data.frames[0].p.size();
   std::vector<Shade> shade;
   const Eigen::MatrixXf F2 = F.cwiseAbs2();
   for (const PatchFrame& frame : data.frames)
     shade.push_back({F * frame.m, Radiosity(F2 * frame.m.cwiseAbs2()).cwiseSqrt()});
 
-  PhotometricFit fit;
+  const Eigen::VectorXf gathered = F * (data.seen.array() > 0).cast<float>().matrix();
+  PlainFit plain;
+  PhotometricFit& fit = plain.fit;
   fit.a.assign(projectors, Radiosity::Zero(P, 3));
   fit.e = fit.k = fit.k_sigma = Radiosity::Zero(P, 3);
   std::vector<std::vector<PatchSolution>> solutions(3, std::vector<PatchSolution>(P));
@@ -272,6 +308,15 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
     if (pass == 0) fit.chi2 = freedom > 0 ? chi2 / freedom : 0;
     if (pass == 0) share = sender_share(solutions);
     if (pass == 1 && freedom > 0) inflation = std::sqrt(std::max(1.0, chi2 / freedom));
+    if (pass == 1) {
+      std::vector<VeilSums> veil(3 * P);
+      parallel_for(P, [&](int i) {
+        for (int c = 0; c < 3; ++c)
+          if (solutions[c][i].freedom > 0)
+            veil[3 * i + c] = veil_of(collect(data, shade, i, c, share), solutions[c][i].x.back(), gathered[i]);
+      });
+      pool_veil(veil, plain);
+    }
     for (int c = 0; c < 3 && pass == 1; ++c)
       for (int s = 0; s < patches.surfaces(); ++s) {
         std::vector<double> k, sigma;
@@ -281,14 +326,15 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
           sigma.push_back(solutions[c][i].k_sigma * inflation);
         }
         priors[c][s] = pool(k, sigma);
-        if (priors[c][s].mean > 1.02)
-          return error(
+        if (priors[c][s].mean > 1.02 && !plain.refusal)
+          plain.refusal = error(
               ErrorCode::kRefused,
               "surface {} reflects {:.0f} % of the indirect light it receives (channel {}), more than all: likely "
               "causes are wrong geometry or lens model, veiling glare in the camera, a wrong projector response, or "
               "light from outside; check the geometry's residuals first",
               s, 100 * priors[c][s].mean, c);
       }
+    if (plain.refusal) return plain;
   }
   for (int c = 0; c < 3; ++c)
     for (int i = 0; i < P; ++i) {
@@ -314,7 +360,47 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
     fit.notes.push_back("no held-out frame: the model's error on patterns it has not seen is unknown");
   }
   progress.step("photometric fit", 3, 3);
-  return fit;
+  return plain;
+}
+
+}  // namespace
+
+std::vector<PatchFrame> without_veil(std::vector<PatchFrame> frames, double share) {
+  for (PatchFrame& frame : frames)
+    for (int c = 0; c < 3; ++c) {
+      frame.m.col(c).array() -= static_cast<float>(share) * frame.mean[c];
+      frame.mean[c] *= static_cast<float>(1 - share);
+    }
+  return frames;
+}
+
+Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
+                                      const PhotometricOptions& options, Progress& progress) {
+  const int P = patches.size();
+  CS_CHECK(F.rows() == P && F.cols() == P && data.seen.size() == P, "form factors, patches and data differ in size");
+  if (data.frames.size() < 3)
+    return error(
+        ErrorCode::kRefused,
+        "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
+        "with the sequence that `countershade patterns` writes",
+        data.frames.size());
+  CS_TRY(PlainFit best, fit_frames(F, patches, data, options, progress));
+  const auto worth = [](const PlainFit& f) {  // by frames that the fit has not seen, where there are any
+    return f.refusal ? HUGE_VAL : f.fit.held_out_error > 0 ? f.fit.held_out_error : f.fit.chi2;
+  };
+  // A large veil spoils k, which the first estimate takes for granted: later rounds correct it.
+  for (int round = 0; round < 4 && std::abs(best.veil) > 5 * best.veil_sigma; ++round) {
+    const double veil = best.fit.veil + best.veil * (1 - best.fit.veil);
+    if (!(veil > 0)) break;
+    PhotometricData clear = data;
+    clear.frames = without_veil(data.frames, veil), clear.held_out = without_veil(data.held_out, veil);
+    CS_TRY(PlainFit next, fit_frames(F, patches, clear, options, progress));
+    next.fit.veil = veil;
+    if (!(worth(next) < worth(best)) && !(best.refusal && next.refusal)) break;
+    best = std::move(next);
+  }
+  if (best.refusal) return *best.refusal;
+  return std::move(best.fit);
 }
 
 }  // namespace countershade::solver

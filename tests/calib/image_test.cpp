@@ -189,6 +189,18 @@ TEST(BoxReduce, MeansSquaresAndDropsTheRest) {
   EXPECT_THROW(box_reduce(image, 0), Bug);
 }
 
+TEST(Veil, OfAPhotosOwnMeanIsTakenOutPerChannel) {
+  Image light(7, 5, 3);
+  Random random(hash_name("veil"));
+  for (float& v : light.data()) v = static_cast<float>(random.uniform(0, 1));
+  double mean[3] = {0, 0, 0};
+  for (std::size_t i = 0; i < light.data().size(); ++i) mean[i % 3] += light.data()[i] / 35;
+  Image photo = light;
+  for (std::size_t i = 0; i < photo.data().size(); ++i) photo.data()[i] += static_cast<float>(0.08 * mean[i % 3]);
+  take_out_veil(photo, 0.08 / 1.08);
+  for (std::size_t i = 0; i < photo.data().size(); ++i) EXPECT_NEAR(photo.data()[i], light.data()[i], 1e-6) << i;
+}
+
 TEST(LuminanceMean, IsTheMeanOverChannels) {
   Image image(2, 1, 3);
   image.data() = {1, 2, 6, -1, 0.5f, 2};

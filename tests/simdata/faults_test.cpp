@@ -87,6 +87,11 @@ TEST(Faults, GlareLaysTheMeanOverThePhoto) {
   Faults(parse_faults("glare=0.5").value(), 1).light(light, 0);
   EXPECT_NEAR(light.at(0, 0), 0.2, 1e-6);  // float sums
   EXPECT_NEAR(light.at(3, 1), 1.0, 1e-6);
+  Image red(3, 2, 3);  // a lens scatters each colour as that colour
+  red.at(1, 1, 0) = 0.6f;
+  Faults(parse_faults("glare=0.5").value(), 1).light(red, 0);
+  EXPECT_NEAR(red.at(0, 0, 0), 0.05, 1e-6);
+  EXPECT_EQ(red.at(0, 0, 1), 0);
 }
 
 TEST(Faults, NightLightTakesBlueAndFewerGreens) {

@@ -180,7 +180,7 @@ Result<Study> verify_honest(const StudyContext& context) {
     CS_TRY(const tools::Show show, tools::compensate_show(wrong, plain, {}, tools::Engine::kAuto, *context.progress));
     CS_TRY(const tools::Photographs photos,
            tools::photograph(devices, m.simulator->rig().cameras[0], m.pixels, plain, show.compensated.pictures,
-                             kExposures, *context.progress));
+                             m.calibration.summary.veil, kExposures, *context.progress));
     const fs::path report = context.output / "verify-honest" / picture;
     CS_TRY(const tools::Verification v,
            tools::report_verification(m.calibration, context.output / "verify-honest" / "calibration", m.pixels, photos,

@@ -70,7 +70,7 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   CS_TRY(const std::vector<Picture> pictures, test_pictures(calibration.model, options.picture));
   CS_TRY(const Show show, compensate_show(calibration.model, pictures, {}, Engine::kAuto, progress));
   CS_TRY(const Photographs photos, photograph(open.devices, *rig.camera(calibration.camera_id), pixels, pictures,
-                                              show.compensated.pictures, options.exposures, progress));
+                                              show.compensated.pictures, summary.veil, options.exposures, progress));
   const double photographed = watch.lap();
   Table effort{
       "Effort",

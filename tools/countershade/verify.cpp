@@ -62,7 +62,9 @@ Result<Image> linear_photo(const fs::path& file, const Calibration& calibration)
     return error(ErrorCode::kBadFile, "'{}' has {} x {} pixels, the calibrated camera has {} x {}", file.string(),
                  photo.value.width(), photo.value.height(), calibration.camera.lens.width(),
                  calibration.camera.lens.height());
-  return photo.value;
+  Image light = photo.value;
+  take_out_veil(light, calibration.summary.veil);
+  return light;
 }
 
 // U C [REFERENCE ...]: one reference is the target, several are parts of it that add up.
@@ -125,8 +127,8 @@ Result<Answer> run_verify(const Options& options, const Context& context) {
     }
     CS_TRY(const OpenDevices open, open_devices(calibration.rig, simulation, *context.progress));
     const CameraSpec& camera = *calibration.rig.camera(calibration.camera_id);
-    CS_TRY(photos, photograph(open.devices, camera, pixels, pictures, show.compensated.pictures, options.exposures,
-                              *context.progress));
+    CS_TRY(photos, photograph(open.devices, camera, pixels, pictures, show.compensated.pictures,
+                              calibration.summary.veil, options.exposures, *context.progress));
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   const Table effort{

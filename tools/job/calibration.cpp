@@ -237,6 +237,7 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
   for (const solver::PatchFrame& frame : photometry.data.frames) white = std::max<double>(white, frame.m.maxCoeff());
   photometry.data.white = white;
   CS_TRY(solver::PhotometricFit fit, solver::fit_photometry(model.F, model.patches, photometry.data, {}, progress));
+  const std::vector<solver::PatchFrame> frames = solver::without_veil(photometry.data.frames, fit.veil);
   model.k = fit.k;
   model.e = fit.e;
   for (std::size_t q = 0; q < model.projectors.size(); ++q) {
@@ -245,13 +246,21 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
       model.projectors[q].gain = charts_of_patches(model, fit.a[q]);
       continue;
     }
-    CS_TRY(const Photo white_photo, session.photo(camera, photometry.fitted[w]->index));
-    CS_TRY(const Photo black_photo, session.photo(camera, photometry.fitted[b]->index));
-    model.projectors[q].gain = solver::gain_charts(pixels, model, static_cast<int>(q), white_photo, black_photo,
-                                                   photometry.data.frames[w], photometry.data.frames[b]);
+    CS_TRY(Photo white_photo, session.photo(camera, photometry.fitted[w]->index));
+    CS_TRY(Photo black_photo, session.photo(camera, photometry.fitted[b]->index));
+    for (Photo* photo : {&white_photo, &black_photo}) take_out_veil(photo->value, fit.veil);
+    model.projectors[q].gain =
+        solver::gain_charts(pixels, model, static_cast<int>(q), white_photo, black_photo, frames[w], frames[b]);
   }
   model.white = reference_white(model);
   summary.chi2 = fit.chi2;
+  summary.veil = fit.veil;
+  if (fit.veil > 0)
+    summary.notes.push_back(
+        fmt::format("camera '{}': veiling glare lays {:.1f} % of a photo's mean over it, measured where no indirect "
+                    "light can be; it "
+                    "is taken out of these photos and of those that verify takes",
+                    camera, 100 * fit.veil));
   summary.held_out_error = fit.held_out_error * white / model.white;
   summary.held_out_p99 = fit.held_out_p99 * white / model.white;
   for (int c = 0; c < 3; ++c) summary.mean_k[c] = fit.k.col(c).mean();
@@ -288,6 +297,7 @@ json summary_json(const CalibrationSummary& s) {
           {"chi2_reduced", s.chi2},
           {"held_out_error", s.held_out_error},
           {"held_out_p99", s.held_out_p99},
+          {"camera_veil", s.veil},
           {"mean_indirect_gain", {s.mean_k[0], s.mean_k[1], s.mean_k[2]}},
           {"photometric_frames", s.frames},
           {"session_frames", s.session_frames},
@@ -307,6 +317,7 @@ CalibrationSummary summary_from(const json& j) {
   s.chi2 = j.at("chi2_reduced");
   s.held_out_error = j.at("held_out_error");
   s.held_out_p99 = j.at("held_out_p99");
+  s.veil = j.value("camera_veil", 0.0);
   s.frames = j.at("photometric_frames");
   s.session_frames = j.at("session_frames");
   s.notes = j.at("notes").get<std::vector<std::string>>();

@@ -34,6 +34,7 @@ struct CalibrationSummary {
   std::vector<double> crease_angle_deg, crease_sigma_deg;
   double chi2 = 0, held_out_error = 0, held_out_p99 = 0;  // fractions of white
   double mean_k[3] = {0, 0, 0};
+  double veil = 0;                 // the camera's glare: share of a photo's mean that lies evenly over it
   int frames = 0;                  // photometric ones that were fitted
   int session_frames = 0;          // of the whole capture
   std::vector<std::string> notes;  // what was assumed, what is missing

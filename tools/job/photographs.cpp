@@ -76,7 +76,7 @@ Result<Image> average_exposure(capture::Camera& camera, const CameraSpec& spec, 
 
 Result<Photographs> photograph(const capture::Devices& devices, const CameraSpec& spec,
                                const solver::PixelGeometry& pixels, std::span<const Picture> plain,
-                               std::span<const Picture> compensated, int exposures, Progress& progress) {
+                               std::span<const Picture> compensated, double veil, int exposures, Progress& progress) {
   CS_CHECK(plain.size() == devices.projectors.size() && compensated.size() == plain.size(),
            "one picture per projector");
   capture::Camera* camera = nullptr;
@@ -91,7 +91,9 @@ Result<Photographs> photograph(const capture::Devices& devices, const CameraSpec
   const auto take = [&]() -> Result<Image> {
     progress.step("photographs", done++, total);
     result.exposures += exposures;
-    return average_exposure(*camera, spec, exposures);
+    CS_TRY(Image photo, average_exposure(*camera, spec, exposures));
+    take_out_veil(photo, veil);
+    return photo;
   };
   CS_TRY_VOID(show_all(devices, plain));
   CS_TRY(result.uncompensated, take());

@@ -45,6 +45,8 @@ Table calibration_table(const CalibrationSummary& s) {
         {"edge angle", fmt::format("{:.2f} +- {:.2f} degrees", s.crease_angle_deg[i], s.crease_sigma_deg[i])});
   t.rows.push_back({"held-out pattern error", fmt::format("{:.3f} % of white (99th percentile {:.3f} %)",
                                                           100 * s.held_out_error, 100 * s.held_out_p99)});
+  if (s.veil > 0)
+    t.rows.push_back({"veiling glare, taken out", fmt::format("{:.2f} % of a photo's mean", 100 * s.veil)});
   t.rows.push_back({"chi2 / degrees of freedom", fmt::format("{:.2f}", s.chi2)});
   t.rows.push_back({"photometric frames", fmt::format("{}", s.frames)});
   return t;

@@ -35,19 +35,26 @@ struct Truth {
       }
   }
 
+  double glare = 0;   // of a frame's mean, laid over it
   double uneven = 0;  // share by which a sender's light, seen from one receiver, differs from its mean
 
-  PatchFrame frame(const std::vector<Radiosity>& p, double noise, Random& random) const {
+  PatchFrame frame(std::vector<Radiosity> p, double noise, Random& random) const {
     Radiosity D = e;
+    for (int q = 0; q < 2; ++q) p[q] = (a[q].array() > 0).select(p[q].array(), 0.0f).matrix();
     for (int q = 0; q < 2; ++q) D += a[q].cwiseProduct(p[q]);
     Radiosity B = D;
     Eigen::MatrixXf seen = F;
     if (uneven > 0)
       for (float& f : seen.reshaped()) f *= static_cast<float>(1 + uneven * random.normal());
     for (int i = 0; i < 300; ++i) B = D + k.cwiseProduct(Radiosity(seen * B));
-    for (int i = 0; i < B.rows(); ++i)
-      for (int c = 0; c < 3; ++c) B(i, c) += static_cast<float>(noise * random.normal());
-    return {B, Radiosity::Constant(B.rows(), 3, static_cast<float>(std::max(noise, 1e-6))), p, {true, true, true}};
+    PatchFrame frame{
+        B, Radiosity::Constant(B.rows(), 3, static_cast<float>(std::max(noise, 1e-6))), p, {true, true, true}, {}};
+    for (int c = 0; c < 3; ++c) {
+      const auto mean = 0.7f * B.col(c).mean();  // of a photo a part of which shows no wall
+      frame.mean[c] = static_cast<float>((1 + glare) * mean);
+      for (int i = 0; i < B.rows(); ++i) frame.m(i, c) += static_cast<float>(glare * mean + noise * random.normal());
+    }
+    return frame;
   }
 
   // Complementary random blocks, black, each projector alone; two held-out frames.
@@ -117,6 +124,46 @@ TEST(PhotometricFit, UnevenSendersAreFoundAndCountInSigma) {
     for (int c = 0; c < 3; ++c) z2 += std::pow((fit->k(i, c) - truth.k(i, c)) / fit->k_sigma(i, c), 2) / truth.k.size();
   EXPECT_GT(z2, 0.3);
   EXPECT_LT(z2, 2.0);
+}
+
+TEST(PhotometricFit, VeilingGlareIsToldFromIndirectLightAndTakenOut) {
+  Truth truth;
+  SilentProgress progress;
+  const auto plain = fit_photometry(truth.F, truth.patches, truth.data(0.0005), {}, progress);
+  ASSERT_TRUE(plain);
+  EXPECT_EQ(plain->veil, 0) << "noise is no glare";
+  for (double glare : {0.01, 0.04, 0.15}) {
+    truth.glare = glare;
+    const auto fit = fit_photometry(truth.F, truth.patches, truth.data(0.0005), {}, progress);
+    ASSERT_TRUE(fit) << fit.error().message;
+    EXPECT_NEAR(fit->veil, glare / (1 + glare), 0.0015) << glare;
+    EXPECT_NEAR(fit->k.mean(), plain->k.mean(), 0.01) << glare;
+    EXPECT_NEAR((fit->e - truth.e).mean(), 0, 1e-3) << glare;
+    EXPECT_LT(fit->held_out_error, 1.2 * plain->held_out_error) << glare;
+  }
+}
+
+// What looks like glare but makes frames that the fit has not seen worse is something else: here what lies over the
+// held-out frames is not in proportion to their mean.
+TEST(PhotometricFit, VeilThatHeldOutFramesContradictIsLeftIn) {
+  Truth truth;
+  truth.glare = 0.04;
+  PhotometricData data = truth.data(0.0005);
+  for (PatchFrame& frame : data.held_out) frame.mean = {0, 0, 0};
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, data, {}, progress);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_EQ(fit->veil, 0);
+}
+
+TEST(PhotometricFit, UnevenSendersAreNoGlare) {
+  Truth truth;
+  truth.uneven = 0.04;
+  for (int i = 0; i < 15; i += 5) truth.F(i, 15 + i / 5) = 0.35f;
+  SilentProgress progress;
+  const auto fit = fit_photometry(truth.F, truth.patches, truth.data(0.0002), {}, progress);
+  ASSERT_TRUE(fit) << fit.error().message;
+  EXPECT_LT(fit->veil, 0.002);
 }
 
 TEST(PhotometricFit, WrongFormFactorsShowInHeldOutFrames) {

@@ -157,7 +157,7 @@ Result<void> Job::compensate(const Truth& truth, SweepPoint& point) {
   const solver::PixelGeometry pixels = tools::pixels_of(calibration);
   const capture::Devices open = devices();
   const auto photos = tools::photograph(open, setting_.room.rig.cameras[0], pixels, truth.plain,
-                                        show.compensated.pictures, exposures_, quiet);
+                                        show.compensated.pictures, calibration.summary.veil, exposures_, quiet);
   if (!photos) {
     point.pass = false, point.failure = photos.error().message;
     return {};

@@ -130,9 +130,7 @@ Sweep glare() {
               add(percent, s);
             }}},
           {},
-          "from .9 to 1.2 % of W: glare lies over U and C but cancels in T, so verify counts up to a fifth more "
-          "suppression "
-          "than there is, and calibrate takes it for indirect light until k > 1"};
+          {}};
 }
 
 // ---- gamma ----
