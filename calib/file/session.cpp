@@ -211,6 +211,13 @@ Result<void> copy_model(const fs::path& folder, const std::string& device, const
 }  // namespace
 
 Result<Session> Session::open(const fs::path& folder) {
+  CS_TRY(Session session, open_unfinished(folder));
+  for (const CameraSpec& camera : session.rig_.cameras)
+    CS_TRY_VOID(check_photos(folder, session.rig_, camera, session.sequence_));
+  return session;
+}
+
+Result<Session> Session::open_unfinished(const fs::path& folder) {
   std::error_code reason;
   if (!fs::is_directory(folder, reason))
     return error(ErrorCode::kBadFile, "session '{}' is missing or no folder; check the name", folder.string());
@@ -220,8 +227,6 @@ Result<Session> Session::open(const fs::path& folder) {
   CS_TRY(session.rig_, read_rig(folder / "rig.toml"));
   CS_TRY(session.sequence_, read_sequence(folder / "sequence.json"));
   CS_TRY_VOID(check_projectors(folder, session.rig_, session.sequence_));
-  for (const CameraSpec& camera : session.rig_.cameras)
-    CS_TRY_VOID(check_photos(folder, session.rig_, camera, session.sequence_));
   return session;
 }
 

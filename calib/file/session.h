@@ -65,6 +65,8 @@ class Session {
   // Checks that every frame of the sequence has a photo of every camera, of one size. Errors: kBadFile names the first
   // missing or unreadable photo and how many are missing.
   static Result<Session> open(const std::filesystem::path& folder);
+  // One that is still being captured: photos may be missing.
+  static Result<Session> open_unfinished(const std::filesystem::path& folder);
   const Rig& rig() const { return rig_; }
   const Sequence& sequence() const { return sequence_; }
   const std::filesystem::path& folder() const { return folder_; }

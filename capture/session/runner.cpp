@@ -184,6 +184,8 @@ Result<void> Capture::load_stored() {
     for (int f = 0; f < frames(); ++f)
       for (std::size_t e = 0; e < cameras_[c].exposures.size(); ++e) CS_TRY_VOID(load_photo(f, c, e));
   }
+  for (int f = 0; f < frames(); ++f)
+    if (options_.stored && complete(f)) options_.stored(sequence_.frames[f].index);
   return {};
 }
 
@@ -261,6 +263,7 @@ Result<void> Capture::store(int f, const std::vector<Shot>& shots) {
       have_[f][c][e] = true;
       if (e == 0) kept_[f][c] = shots[c].bins;
     }
+  if (options_.stored && complete(f)) options_.stored(sequence_.frames[f].index);
   return {};
 }
 

@@ -1,6 +1,8 @@
 // The session runner: shows, photographs, stores; killed at any moment it resumes and loses nothing.
 #pragma once
 
+#include <functional>
+
 #include "calib/base/progress.h"
 #include "capture/device/device.h"
 #include "capture/pattern/pattern.h"
@@ -11,6 +13,9 @@ struct CaptureOptions {
   int retakes = 3;      // tries at a frame that looks stale before giving up; also the longest latency, in shows,
                         // that the start of a capture waits out
   bool extend = false;  // the sequence of a session that stands there may be the beginning of this one
+  // Called with the index of each frame whose photos stand in the session, from former captures too; again when others
+  // have taken their place.
+  std::function<void(int frame)> stored = nullptr;
   double retake_wait_ms = 20;  // n-th retake: shown again, then this long times n before the exposure
 };
 

@@ -172,9 +172,10 @@ void IndirectLight::deposit_mirrored(const SurfacePoint& x, int row, const Surfa
     leave(y, out, next);
     const double texture = paint_.texture(y);
     add([&](Wall& wall, double value) { next.add_to(wall, row, y.surface, value * texture); }, light);
-    // Gloss meets gloss: Russian roulette by its share.
-    if (const double gloss = paint_.gloss(y.surface); random.uniform() < gloss)
-      light /= gloss;
+    // Gloss meets gloss: Russian roulette by its share, and by what is left.
+    const double survives = std::min(paint_.gloss(y.surface), light.maxCoeff() / share);
+    if (random.uniform() < survives)
+      light /= survives;
     else
       return;
   }

@@ -206,7 +206,7 @@ std::optional<Eigen::Vector3d> crossing(const Corners& a_corners, const Faces& a
     const auto first = std::lower_bound(b.begin(), b.end(), a[i].box.min().x() - widest,
                                         [](const Face& face, double x) { return face.box.min().x() < x; });
     for (auto other = first; other != b.end() && other->box.min().x() <= a[i].box.max().x(); ++other) {
-      if ((same && other - b.begin() == static_cast<std::ptrdiff_t>(i)) || !a[i].box.intersects(other->box)) continue;
+      if ((same && other - b.begin() <= static_cast<std::ptrdiff_t>(i)) || !a[i].box.intersects(other->box)) continue;
       if (auto at = passes_through(a[i], *other)) return at;
       if (auto at = passes_through(*other, a[i])) return at;
     }
@@ -244,7 +244,7 @@ Result<MeshShape::Triangles> prepared_mesh(const Corners& given, const Faces& gi
   if (const auto at = crossing(corners, faces, corners, faces))
     return error(ErrorCode::kBadValue,
                  "mesh '{}': faces pass through each other or lie in each other at ({:.3f}, {:.3f}, {:.3f}); they may "
-                 "touch at their edges only: cut them there",
+                 "touch at their edges only: cut them there, and remove what is hidden or there twice",
                  name, at->x(), at->y(), at->z());
   refine(corners, faces);
   return split_at_edges(corners, faces);

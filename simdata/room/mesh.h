@@ -24,7 +24,7 @@ Result<MeshShape::Triangles> prepared_mesh(const std::vector<Eigen::Vector3d>& c
                                            const std::vector<Eigen::Vector3i>& faces, const std::string& name);
 
 // A place where a face of `a` passes through one of `b`, or lies in it, by more than .2 % of their sizes: faces may
-// touch at their edges and corners, and stand on each other. Both may be the same mesh.
+// touch at their edges and corners, and an edge may stand on a face. Both may be the same mesh.
 std::optional<Eigen::Vector3d> crossing(const std::vector<Eigen::Vector3d>& a_corners,
                                         const std::vector<Eigen::Vector3i>& a_faces,
                                         const std::vector<Eigen::Vector3d>& b_corners,

@@ -134,6 +134,13 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
     for (std::size_t i = 0; i < photo.value.pixels(); ++i) sum += photo.value.data()[channels * i + from];
     frame.mean[c] = static_cast<float>(sum / static_cast<double>(photo.value.pixels()));
   }
+  for (const Image& light : lights) {
+    std::array<double, 3> sum{0, 0, 0};
+    for (std::size_t i = 0; i < light.data().size(); ++i) sum[i % 3] += light.data()[i];
+    const auto n = static_cast<double>(std::max<std::size_t>(1, light.pixels()));
+    frame.shown.push_back(
+        {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n), static_cast<float>(sum[2] / n)});
+  }
   frame.m = Radiosity::Zero(patches, 3);
   frame.sigma = Radiosity::Constant(patches, 3, std::numeric_limits<float>::infinity());
   frame.p.assign(lights.size(), Radiosity::Zero(patches, 3));

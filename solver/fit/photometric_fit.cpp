@@ -58,9 +58,10 @@ struct PatchProblem {
   std::vector<std::vector<double>> rows;  // coefficients over sigma
   std::vector<double> measured;           // over sigma
   std::vector<double> sigma, noise, spread;
-  std::vector<double> mean;  // of the photo, over sigma
-  std::vector<bool> lit;     // per projector
-  double scale = 1;          // largest m, the unit of weak priors
+  std::vector<double> mean;                // of the photo, over sigma
+  std::vector<std::vector<double>> shown;  // per projector: mean of its picture, over sigma
+  std::vector<bool> lit;                   // per projector
+  double scale = 1;                        // largest m, the unit of weak priors
 };
 
 PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shade, int patch, int c, double share) {
@@ -85,6 +86,8 @@ PatchProblem collect(const PhotometricData& data, const std::vector<Shade>& shad
     problem.rows.push_back(std::move(row));
     problem.measured.push_back(frame.m(patch, c) / sigma);
     problem.mean.push_back(frame.mean[c] / sigma);
+    problem.shown.emplace_back();
+    for (const std::array<float, 3>& shown : frame.shown) problem.shown.back().push_back(shown[c] / sigma);
     problem.scale = std::max(f ? problem.scale : 0.0, static_cast<double>(frame.m(patch, c)));
   }
   return problem;
@@ -105,27 +108,32 @@ double k_sigma_of(const PatchProblem& problem, const std::vector<double>& weak) 
   return information > 1e-12 * normal(n - 1, n - 1) && information > 0 ? 1 / std::sqrt(information) : HUGE_VAL;
 }
 
-// What one patch says of the veil's share: its weighted sum and its weight.
+constexpr double kMostVeil = 0.3;  // of a photo's mean; beyond it something else is wrong
+
+// What one patch says of the shares of veil and flare: its part of the normal equations.
 struct VeilSums {
-  double product = 0, square = 0;
+  Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d product = Eigen::Vector2d::Zero();
 };
 
-// Frisch & Waugh 1933: what is left of the photo's mean once a, e and k have explained of it what they can, against
-// what is left of the measurements. `gathered`: the patch's sum of form factors to patches that are seen: a veil over
-// those counts as light that they send. The model may be wrong by a share of the indirect light, so frames count the
-// less the more of it they have: most tells who is lit by nobody.
-VeilSums veil_of(const PatchProblem& problem, double k, double gathered) {
+// Frisch & Waugh 1933: what is left of the photo's mean, and of the projectors' means times the patch's gains, once a,
+// e and k have explained of them what they can, against what is left of the measurements. `gathered`: the patch's sum
+// of form factors to patches that are seen: a veil over those counts as light that they send. The model may be wrong by
+// a share of the indirect light, so frames count the less the more of it they have: most tells who is lit by nobody.
+VeilSums veil_of(const PatchProblem& problem, const std::vector<double>& x, double gathered) {
   constexpr double kModelError = 0.03;
   const int n = static_cast<int>(problem.lit.size()) + 2, rows = static_cast<int>(problem.rows.size());
   Eigen::MatrixXd X(rows, n);
-  Eigen::MatrixXd both(rows, 2);  // the veil's shape, the measurement
+  Eigen::MatrixXd all(rows, 3);  // veil, flare, measurement
   for (int r = 0; r < rows; ++r) {
     const double weight = 1 / std::hypot(1.0, kModelError * problem.rows[r].back());
     X.row(r) = weight * Eigen::Map<const Eigen::RowVectorXd>(problem.rows[r].data(), n);
-    both.row(r) << weight * problem.mean[r] * (1 - k * gathered), weight * problem.measured[r];
+    double flare = 0;
+    for (std::size_t q = 0; q < problem.shown[r].size(); ++q) flare += x[q] * problem.shown[r][q];
+    all.row(r) << weight * problem.mean[r] * (1 - x.back() * gathered), weight * flare, weight * problem.measured[r];
   }
-  const Eigen::MatrixXd left = both - X * X.completeOrthogonalDecomposition().solve(both);
-  return {left.col(0).dot(left.col(1)), left.col(0).squaredNorm()};
+  const Eigen::MatrixXd left = all - X * X.completeOrthogonalDecomposition().solve(all);
+  return {left.leftCols<2>().transpose() * left.leftCols<2>(), left.leftCols<2>().transpose() * left.col(2)};
 }
 
 // `start`: the solution of a former pass, from the data alone; then the prior is robust.
@@ -260,12 +268,21 @@ struct PlainFit {
 
 // The share that patches agree on, with the standard error that their disagreement gives it.
 void pool_veil(const std::vector<VeilSums>& all, PlainFit& plain) {
-  double product = 0, square = 0, scatter = 0;
-  for (const VeilSums& v : all) product += v.product, square += v.square;
-  if (!(square > 0)) return;
-  plain.veil = product / square;
-  for (const VeilSums& v : all) scatter += std::pow(v.product - plain.veil * v.square, 2);
-  plain.veil_sigma = std::sqrt(scatter) / square;
+  VeilSums sum;
+  for (const VeilSums& v : all) sum.normal += v.normal, sum.product += v.product;
+  if (!(sum.normal(0, 0) > 0)) return;
+  // A trace of a prior: where nothing tells them apart flare is zero.
+  sum.normal(1, 1) += 1e-9 * sum.normal.trace();
+  const Eigen::Matrix2d inverse = sum.normal.inverse();
+  const Eigen::Vector2d shares = inverse * sum.product;
+  Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
+  for (const VeilSums& v : all) {
+    const Eigen::Vector2d off = v.product - v.normal * shares;
+    scatter += off * off.transpose();
+  }
+  plain.veil = shares[0];
+  plain.veil_sigma = std::sqrt((inverse * scatter * inverse)(0, 0));
+  plain.fit.flare = shares[1];
 }
 
 Result<PlainFit> fit_frames(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
@@ -313,7 +330,7 @@ Result<PlainFit> fit_frames(const Eigen::MatrixXf& F, const Patches& patches, co
       parallel_for(P, [&](int i) {
         for (int c = 0; c < 3; ++c)
           if (solutions[c][i].freedom > 0)
-            veil[3 * i + c] = veil_of(collect(data, shade, i, c, share), solutions[c][i].x.back(), gathered[i]);
+            veil[3 * i + c] = veil_of(collect(data, shade, i, c, share), solutions[c][i].x, gathered[i]);
       });
       pool_veil(veil, plain);
     }
@@ -366,9 +383,12 @@ Result<PlainFit> fit_frames(const Eigen::MatrixXf& F, const Patches& patches, co
 }  // namespace
 
 std::vector<PatchFrame> without_veil(std::vector<PatchFrame> frames, double share) {
+  if (share == 0) return frames;
   for (PatchFrame& frame : frames)
     for (int c = 0; c < 3; ++c) {
-      frame.m.col(c).array() -= static_cast<float>(share) * frame.mean[c];
+      for (int i = 0; i < frame.m.rows(); ++i)  // a patch without a valid pixel has no light to take it from
+        if (frame.m(i, c) != 0 || std::isfinite(frame.sigma(i, c)))
+          frame.m(i, c) -= static_cast<float>(share) * frame.mean[c];
       frame.mean[c] *= static_cast<float>(1 - share);
     }
   return frames;
@@ -385,21 +405,25 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
         "with the sequence that `countershade patterns` writes",
         data.frames.size());
   CS_TRY(PlainFit best, fit_frames(F, patches, data, options, progress));
-  const auto worth = [](const PlainFit& f) {  // by frames that the fit has not seen, where there are any
-    return f.refusal ? HUGE_VAL : f.fit.held_out_error > 0 ? f.fit.held_out_error : f.fit.chi2;
-  };
-  // A large veil spoils k, which the first estimate takes for granted: later rounds correct it.
-  for (int round = 0; round < 4 && std::abs(best.veil) > 5 * best.veil_sigma; ++round) {
-    const double veil = best.fit.veil + best.veil * (1 - best.fit.veil);
-    if (!(veil > 0)) break;
-    PhotometricData clear = data;
-    clear.frames = without_veil(data.frames, veil), clear.held_out = without_veil(data.held_out, veil);
-    CS_TRY(PlainFit next, fit_frames(F, patches, clear, options, progress));
-    next.fit.veil = veil;
-    if (!(worth(next) < worth(best)) && !(best.refusal && next.refusal)) break;
-    best = std::move(next);
+  const std::optional<Error> refusal = best.refusal;
+  constexpr double kRescued = 0.005;  // of white: what is left of a fit that had to be refused as it was
+  const double worth = refusal ? kRescued : best.fit.held_out_error;
+  if (data.held_out.empty() || !(best.veil > 5 * best.veil_sigma)) {
+    if (refusal) return *refusal;
+    return std::move(best.fit);
   }
-  if (best.refusal) return *best.refusal;
+  // A large veil spoils k, which the first estimate takes for granted: later rounds correct it.
+  PlainFit clear = best;
+  for (int round = 0; round < 4 && std::abs(clear.veil) > clear.veil_sigma; ++round) {
+    const double veil = clear.fit.veil + clear.veil * (1 - clear.fit.veil);
+    if (!(veil > 0 && veil < kMostVeil)) break;
+    PhotometricData without = data;
+    without.frames = without_veil(data.frames, veil), without.held_out = without_veil(data.held_out, veil);
+    CS_TRY(clear, fit_frames(F, patches, without, options, progress));
+    clear.fit.veil = veil;
+  }
+  if (!clear.refusal && clear.fit.held_out_error < worth) return std::move(clear.fit);
+  if (refusal) return *refusal;
   return std::move(best.fit);
 }
 

@@ -19,6 +19,7 @@ struct PatchFrame {
   std::vector<Radiosity> p;
   std::array<bool, 3> channels{true, true, true};  // those that the frame was made to tell about
   std::array<float, 3> mean{0, 0, 0};              // of the whole photo: the light that makes the camera's glare
+  std::vector<std::array<float, 3>> shown = {};    // mean light of each whole picture: what makes a projector's flare
 };
 
 struct PhotometricData {
@@ -32,7 +33,8 @@ struct PhotometricFit {
   std::vector<Radiosity> a;  // per projector (P, 3); 0 where never lit
   Radiosity e, k, k_sigma;   // (P, 3)
   double chi2 = 0;           // reduced, by the photos' noise alone
-  double veil = 0;  // share of each photo's mean that lies evenly over it; taken out of the frames before the fit
+  double veil = 0;   // share of each photo's mean that lies evenly over it; taken out of the frames before the fit
+  double flare = 0;  // share of its picture's mean that a projector lays over it, by the residuals; not modelled
   double sender_share = 0;    // eps: how far one value per sending patch is off, from the residuals
   double held_out_error = 0;  // mean |predicted - measured| / white over held-out frames and seen patches
   double held_out_p99 = 0;
@@ -50,9 +52,11 @@ std::vector<PatchFrame> without_veil(std::vector<PatchFrame> frames, double shar
 //   m_i^f = sum_q a_qi p_qi^f + e_i + k_i (F m^f)_i
 // with a prior on k_i: its surface's mean, with the spread that the data themselves show (empirical Bayes).
 // Veiling glare in the camera lays a share v of the photo's mean evenly over it, also where F = 0 (the null blocks of
-// PHYSICS 6). v is what all patches' residuals have in common with that mean once a, e and k are free (Frisch & Waugh
-// 1933); it is taken out where it is five standard errors clear of zero and the held-out frames come out better.
-// Errors: kRefused: k > 1 beyond its sigma (names the likely causes), patterns that do not identify a and k.
+// PHYSICS 6). v is what all patches' residuals have in common with that mean once a, e, k and a flare of the projectors
+// (light that is on the wall, in proportion to their pictures' means) are free (Frisch & Waugh 1933); it is taken out
+// where it is five standard errors clear of zero and the held-out frames come out better (of a fit that would be
+// refused without it: good). Patches that all projectors light, or one alone, know nothing of it. Errors: kRefused: k >
+// 1 beyond its sigma (names the likely causes), patterns that do not identify a and k.
 Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& patches, const PhotometricData& data,
                                       const PhotometricOptions& options, Progress& progress);
 

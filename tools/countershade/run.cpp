@@ -62,7 +62,9 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
   CS_TRY(const CodedCapture coded, capture_with_code(rig, simulation, "auto", open.devices, session, progress));
   const double captured = watch.lap();
-  CS_TRY(const CalibrationSummary summary, calibrate(session, calibration_folder, {}, progress));
+  CalibrateOptions calibrate_options;
+  calibrate_options.decoded = coded.decoded;
+  CS_TRY(const CalibrationSummary summary, calibrate(session, calibration_folder, calibrate_options, progress));
   CS_TRY_VOID(context.record(calibration_folder, {session / "sequence.json", session / "rig.toml"}));
   const double calibrated = watch.lap();
   CS_TRY(const Calibration calibration, open_calibration(calibration_folder));

@@ -30,9 +30,14 @@ constexpr double kMostUnread = 0.1;  // of pixels that are clearly lit
 
 // What the decoder gave, and what is wrong with it, as notes; where it refused, in its error.
 Result<Correspondence> decode_and_diagnose(const Session& session, const CameraSpec& camera,
-                                           const std::string& projector, bool first, std::vector<std::string>& notes,
-                                           Progress& progress) {
-  Result<Correspondence> c = capture::decode(session, camera.id, projector, {}, progress);
+                                           const std::string& projector, const CalibrateOptions& options, bool first,
+                                           std::vector<std::string>& notes, Progress& progress) {
+  const auto known = std::find_if(options.decoded.begin(), options.decoded.end(), [&](const Correspondence& d) {
+    return d.camera == camera.id && d.projector == projector;
+  });
+  Result<Correspondence> c = known != options.decoded.end()
+                                 ? Result<Correspondence>(*known)
+                                 : capture::decode(session, camera.id, projector, {}, progress);
   const capture::PhotoSource photos = [&](int index) { return session.photo(camera.id, index); };
   const auto findings =
       capture::diagnose(session.sequence(), photos, {camera.id, projector, c ? &*c : nullptr, camera.response, first});
@@ -44,11 +49,11 @@ Result<Correspondence> decode_and_diagnose(const Session& session, const CameraS
 
 // findings (out): all sentences that say what is wrong with the photos.
 Result<std::vector<Correspondence>> decode_all(const Session& session, const CameraSpec& camera, const fs::path& folder,
-                                               CalibrationSummary& summary, std::vector<std::string>& findings,
-                                               Progress& progress) {
+                                               const CalibrateOptions& options, CalibrationSummary& summary,
+                                               std::vector<std::string>& findings, Progress& progress) {
   std::vector<Correspondence> all;
   for (const auto& [id, resolution] : session.sequence().projectors) {
-    CS_TRY(Correspondence c, decode_and_diagnose(session, camera, id, all.empty(), findings, progress));
+    CS_TRY(Correspondence c, decode_and_diagnose(session, camera, id, options, all.empty(), findings, progress));
     CS_TRY_VOID(capture::write_correspondence(folder, c));
     CS_TRY_VOID(capture::write_reason_picture(folder / (camera.id + "-" + id + "-reasons.png"), c));
     summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit, 0, 0});
@@ -261,6 +266,13 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
                     "light can be; it "
                     "is taken out of these photos and of those that verify takes",
                     camera, 100 * fit.veil));
+  constexpr double kFlareWorthSaying = 0.003;  // doubles what is left of the show
+  if (fit.flare > kFlareWorthSaying)
+    summary.notes.push_back(fmt::format(
+        "the projectors lay about {:.1f} % of their pictures' mean over all of them (flare: dust or haze in the lens, "
+        "light that leaks); it is on the walls, is not compensated, and is likely to be most of what is left: clean "
+        "the lenses",
+        100 * fit.flare));
   summary.held_out_error = fit.held_out_error * white / model.white;
   summary.held_out_p99 = fit.held_out_p99 * white / model.white;
   for (int c = 0; c < 3; ++c) summary.mean_k[c] = fit.k.col(c).mean();
@@ -329,13 +341,6 @@ bool has_photometry(const Sequence& sequence) {
                      [](const Frame& f) { return f.role.kind == "blocks"; });
 }
 
-// The first camera with a lens model, else the first.
-const CameraSpec& camera_to_use(const Rig& rig) {
-  for (const CameraSpec& c : rig.cameras)
-    if (!c.model.empty()) return c;
-  return rig.cameras.front();
-}
-
 // The rig as a calibration carries it: the model of the camera in use lies in the calibration itself, others stay with
 // the session, so that equal sessions give equal bytes wherever they lie.
 Rig without_paths(const Rig& rig, const std::string& camera) {
@@ -358,7 +363,7 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(without_paths(rig, camera.id))));
   std::vector<std::string> findings;
   CS_TRY(const std::vector<Correspondence> decoded,
-         decode_all(session, camera, folder / "correspondence", summary, findings, progress));
+         decode_all(session, camera, folder / "correspondence", options, summary, findings, progress));
   if (camera.model.empty()) {
     summary.notes.push_back(fmt::format(
         "camera '{}' has no lens model ([[camera]] model = a .cameramodel): no geometry, no light model", camera.id));
@@ -404,6 +409,12 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
 }
 
 }  // namespace
+
+const CameraSpec& camera_to_use(const Rig& rig) {
+  for (const CameraSpec& c : rig.cameras)
+    if (!c.model.empty()) return c;
+  return rig.cameras.front();
+}
 
 Result<CalibrationSummary> calibrate(const fs::path& session_folder, const fs::path& out,
                                      const CalibrateOptions& options, Progress& progress) {

@@ -8,6 +8,7 @@
 #include "calib/base/progress.h"
 #include "calib/base/result.h"
 #include "calib/file/session.h"
+#include "capture/pattern/decode.h"
 #include "solver/fit/geometry_fit.h"
 #include "solver/fit/patch_data.h"
 #include "solver/transport/model.h"
@@ -15,6 +16,8 @@
 namespace countershade::tools {
 
 struct CalibrateOptions {
+  // What the capture has decoded, of camera_to_use; projectors that are not among them are decoded from the photos.
+  std::vector<capture::Correspondence> decoded;
   std::array<int, 2> patches{0, 0};  // per surface; {0, 0} = auto: square patches, 32 along the longest chart side
 };
 
@@ -47,6 +50,9 @@ struct CalibrationSummary {
 // Sessions of several cameras: the first one with a lens model counts.
 Result<CalibrationSummary> calibrate(const std::filesystem::path& session, const std::filesystem::path& out,
                                      const CalibrateOptions& options, Progress& progress);
+
+// The first camera with a lens model, else the first.
+const CameraSpec& camera_to_use(const Rig& rig);
 
 // What verify and compensate need of a calibration folder.
 struct Calibration {

@@ -2,8 +2,12 @@
 
 #include <algorithm>
 
+#include <fmt/format.h>
+
 #include "calib/file/file.h"
 #include "calib/file/nearest.h"
+#include "tools/job/calibration.h"
+#include "tools/job/live_decoding.h"
 
 namespace countershade::tools {
 
@@ -51,6 +55,22 @@ std::optional<Sequence> stored_sequence(const fs::path& folder, const Sequence& 
   return grown ? std::optional(*stored) : std::nullopt;
 }
 
+// Captures what is missing of the sequence, and decodes it meanwhile.
+Result<void> capture_and_decode(const Rig& rig, const std::string& simulation_toml, const capture::Devices& devices,
+                                const fs::path& folder, bool extend, CodedCapture& captured, Progress& progress) {
+  LiveDecoding decoding(folder, captured.sequence, camera_to_use(rig).id);
+  capture::CaptureOptions options;
+  options.extend = extend;
+  options.stored = [&](int frame) { decoding.stored(frame); };
+  CS_TRY_VOID(capture::capture_session(rig, simulation_toml, captured.sequence, devices, folder, options, progress));
+  for (Result<capture::Correspondence>& c : decoding.finish())
+    if (c)
+      captured.decoded.push_back(*std::move(c));
+    else
+      captured.undecoded.push_back(c.error().message);
+  return {};
+}
+
 }  // namespace
 
 Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simulation_toml, const std::string& code,
@@ -64,7 +84,7 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
     const Sequence base = capture::base_sequence(rig);
     if (const auto stored = stored_sequence(folder, base)) {
       captured.sequence = *stored;
-      CS_TRY_VOID(capture::capture_session(rig, simulation_toml, captured.sequence, devices, folder, {}, progress));
+      CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, false, captured, progress));
       return captured;
     }
     CS_TRY_VOID(capture::capture_session(rig, simulation_toml, base, devices, folder, {}, progress));
@@ -76,9 +96,7 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
     }
   }
   CS_TRY(captured.sequence, capture::sequence_with(rig, codes));
-  capture::CaptureOptions options;
-  options.extend = code == "auto";
-  CS_TRY_VOID(capture::capture_session(rig, simulation_toml, captured.sequence, devices, folder, options, progress));
+  CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, code == "auto", captured, progress));
   if (!captured.choices.empty())
     CS_TRY_VOID(write_atomically(folder / kChoiceFile, capture::choices_json(captured.choices)));
   return captured;
@@ -87,6 +105,15 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
 std::string choices_text(const CodedCapture& captured) {
   std::string text;
   for (const capture::CodeChoice& c : captured.choices) text += capture::choice_text(c);
+  return text;
+}
+
+std::string decoded_text(const CodedCapture& captured) {
+  std::string text;
+  for (const capture::Correspondence& c : captured.decoded)
+    text += fmt::format("decoded {:<12} {:5.1f} % of {} lit pixels\n", c.projector,
+                        c.lit ? 100.0 * static_cast<double>(c.accepted) / static_cast<double>(c.lit) : 0.0, c.lit);
+  for (const std::string& why : captured.undecoded) text += "not decoded: " + why + "\n";
   return text;
 }
 

@@ -7,6 +7,7 @@
 
 #include "capture/device/device.h"
 #include "capture/pattern/choose.h"
+#include "capture/pattern/decode.h"
 #include "capture/session/runner.h"
 
 namespace countershade::tools {
@@ -14,6 +15,9 @@ namespace countershade::tools {
 struct CodedCapture {
   Sequence sequence;                         // what was captured
   std::vector<capture::CodeChoice> choices;  // per projector; empty where the code was given or is known already
+  // Of the camera that calibrate uses, decoded while the photos were taken; and why other projectors could not be.
+  std::vector<capture::Correspondence> decoded;
+  std::vector<std::string> undecoded;
 };
 
 // Captures a session into `folder` (capture_session). code: a name of capture::codes(), or "auto": then the frames of
@@ -25,7 +29,8 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
                                        const capture::Devices& devices, const std::filesystem::path& folder,
                                        Progress& progress);
 
-// What people are told of the choices; empty where there are none.
+// What people are told of the choices (empty where there are none), and of what was decoded.
 std::string choices_text(const CodedCapture& captured);
+std::string decoded_text(const CodedCapture& captured);
 
 }  // namespace countershade::tools

@@ -1,0 +1,117 @@
+// What is decoded while photos are taken against what their session gives.
+#include "tools/job/live_decoding.h"
+
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <fstream>
+
+#include "simdata/device/faults.h"
+#include "simdata/render/simulator.h"
+#include "simdata/room/rooms.h"
+#include "tests/support/cli.h"
+#include "tools/job/coded_capture.h"
+
+namespace countershade::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::TemporaryFolder;
+
+const simdata::RigAndRoom& room() {
+  static const simdata::RigAndRoom made = [] {
+    simdata::RigAndRoom small = simdata::small_two_wall(4, {320, 200}, 256);
+    small.rig.cameras[0].model.clear();
+    return small;
+  }();
+  return made;
+}
+
+std::shared_ptr<const simdata::Simulator> simulator() {
+  SilentProgress quiet;
+  static const auto made = simdata::Simulator::make(room().rig, room().simulation, quiet).value();
+  return made;
+}
+
+bool same(const Image& a, const Image& b) {
+  return a.same_size(b.width(), b.height()) &&
+         std::memcmp(a.data().data(), b.data().data(), a.data().size() * sizeof(float)) == 0;
+}
+
+void expect_as_decoded(const CodedCapture& captured, const fs::path& folder) {
+  SilentProgress quiet;
+  const auto session = Session::open(folder);
+  ASSERT_TRUE(session) << session.error().message;
+  ASSERT_EQ(captured.decoded.size(), 2u);
+  EXPECT_TRUE(captured.undecoded.empty());
+  for (const capture::Correspondence& live : captured.decoded) {
+    const auto read = capture::decode(*session, "camera", live.projector, {}, quiet);
+    ASSERT_TRUE(read) << read.error().message;
+    EXPECT_GT(live.accepted, 1000u);
+    EXPECT_EQ(live.accepted, read->accepted);
+    EXPECT_TRUE(same(live.x, read->x) && same(live.y, read->y) && same(live.sigma, read->sigma));
+    EXPECT_EQ(live.reason.data(), read->reason.data());
+  }
+}
+
+class LiveDecodingOf : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(LiveDecodingOf, EqualsThatOfTheSessionAlsoWherePhotosAreRetaken) {
+  const TemporaryFolder folder;
+  SilentProgress quiet;
+  // Photos that show the former picture are found and taken again, some with their partners.
+  const auto faults = simdata::parse_faults("stale-frame@15,duplicated-frame@21,dropped-frame@26").value();
+  const auto captured = capture_with_code(room().rig, "", GetParam(), simdata::simulated_devices(simulator(), faults),
+                                          folder / "session", quiet);
+  ASSERT_TRUE(captured) << captured.error().message;
+  expect_as_decoded(*captured, folder / "session");
+}
+
+INSTANTIATE_TEST_SUITE_P(Codes, LiveDecodingOf, ::testing::Values("gray", "micro-phase"));
+
+TEST(LiveDecoding, ReadsWhatAFormerCaptureLeft) {
+  const TemporaryFolder folder;
+  SilentProgress quiet;
+  const auto capture = [&] {
+    return capture_with_code(room().rig, "", "auto", simdata::simulated_devices(simulator()), folder / "session",
+                             quiet);
+  };
+  ASSERT_TRUE(capture());
+  for (int frame : {1, 9, 14, 15}) {
+    const Session session = Session::open_unfinished(folder / "session").value();
+    ASSERT_TRUE(fs::remove(session.photo_path("camera", frame))) << frame;
+  }
+  const auto resumed = capture();
+  ASSERT_TRUE(resumed) << resumed.error().message;
+  expect_as_decoded(*resumed, folder / "session");
+}
+
+TEST(LiveDecoding, SaysWhatIsMissingAndWhatCannotBeRead) {
+  const TemporaryFolder folder;
+  SilentProgress quiet;
+  const auto captured =
+      capture_with_code(room().rig, "", "gray", simdata::simulated_devices(simulator()), folder / "session", quiet);
+  ASSERT_TRUE(captured) << captured.error().message;
+  {
+    LiveDecoding idle(folder / "session", captured->sequence, "camera");
+    idle.stored(captured->sequence.frames[0].index);  // dropped with the rest
+  }
+  LiveDecoding few(folder / "session", captured->sequence, "camera");
+  few.stored(captured->sequence.frames[0].index);
+  for (const auto& result : few.finish()) {
+    ASSERT_FALSE(result);
+    EXPECT_NE(result.error().message.find("is missing"), std::string::npos) << result.error().message;
+  }
+  const Session session = Session::open(folder / "session").value();
+  const int broken = captured->sequence.frames[0].index;
+  std::ofstream(session.photo_path("camera", broken), std::ios::trunc) << "no photo";
+  LiveDecoding unreadable(folder / "session", captured->sequence, "camera");
+  for (const Frame& f : captured->sequence.frames) unreadable.stored(f.index);
+  const auto results = unreadable.finish();
+  int failed = 0;
+  for (const auto& result : results) failed += !result;
+  EXPECT_GE(failed, 1);
+}
+
+}  // namespace
+}  // namespace countershade::tools
