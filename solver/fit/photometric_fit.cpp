@@ -404,17 +404,11 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
         "{} photometric frames, at least 3 per primary are needed (two complementary patterns and black); capture "
         "with the sequence that `countershade patterns` writes",
         data.frames.size());
-  CS_TRY(PlainFit best, fit_frames(F, patches, data, options, progress));
-  const std::optional<Error> refusal = best.refusal;
-  constexpr double kRescued = 0.005;  // of white: what is left of a fit that had to be refused as it was
-  const double worth = refusal ? kRescued : best.fit.held_out_error;
-  if (data.held_out.empty() || !(best.veil > 5 * best.veil_sigma)) {
-    if (refusal) return *refusal;
-    return std::move(best.fit);
-  }
+  CS_TRY(PlainFit plain, fit_frames(F, patches, data, options, progress));
+  PlainFit clear = plain;
+  const bool veiled = !data.held_out.empty() && plain.veil > 5 * plain.veil_sigma;
   // A large veil spoils k, which the first estimate takes for granted: later rounds correct it.
-  PlainFit clear = best;
-  for (int round = 0; round < 4 && std::abs(clear.veil) > clear.veil_sigma; ++round) {
+  for (int round = 0; veiled && round < 4 && std::abs(clear.veil) > clear.veil_sigma; ++round) {
     const double veil = clear.fit.veil + clear.veil * (1 - clear.fit.veil);
     if (!(veil > 0 && veil < kMostVeil)) break;
     PhotometricData without = data;
@@ -422,9 +416,11 @@ Result<PhotometricFit> fit_photometry(const Eigen::MatrixXf& F, const Patches& p
     CS_TRY(clear, fit_frames(F, patches, without, options, progress));
     clear.fit.veil = veil;
   }
-  if (!clear.refusal && clear.fit.held_out_error < worth) return std::move(clear.fit);
-  if (refusal) return *refusal;
-  return std::move(best.fit);
+  constexpr double kRescued = 0.005;  // of white: what is left of a fit that had to be refused as it was
+  const double bound = plain.refusal ? kRescued : plain.fit.held_out_error;
+  if (veiled && !clear.refusal && clear.fit.held_out_error < bound) return std::move(clear.fit);
+  if (plain.refusal) return *plain.refusal;
+  return std::move(plain.fit);
 }
 
 }  // namespace countershade::solver

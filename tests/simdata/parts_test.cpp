@@ -290,6 +290,31 @@ TEST(RearProjection, LeavesAsIfItCameFromEverywhere) {
               });
 }
 
+// Of the indirect light at pixels on a raster, per channel: the fast path less path tracing.
+struct Totals {
+  double deviation = 0, sum = 0, variance = 0;
+};
+std::array<Totals, 3> against_path_tracing(const simdata::RigAndRoom& room, int dx, int dy, int paths) {
+  const auto simulator = test::simulate(room);
+  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
+  const simdata::TrueGeometry g = simulator->geometry(0);
+  std::vector<Eigen::Vector2d> pixels;
+  for (int y = 30; y < 120; y += dy)
+    for (int x = 12; x < 230; x += dx)
+      if (test::inside_wall(g, x, y)) pixels.emplace_back(x, y);
+  EXPECT_GT(pixels.size(), 60u);
+  const Image fast = simulator->light(0, pictures).indirect;
+  const auto traced = simulator->trace_indirect(0, pictures, pixels, paths);
+  std::array<Totals, 3> totals;
+  for (std::size_t i = 0; i < pixels.size(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      const double value = fast.at(static_cast<int>(pixels[i].x()), static_cast<int>(pixels[i].y()), c);
+      totals[c].deviation += value - traced.mean[3 * i + c], totals[c].sum += traced.mean[3 * i + c];
+      totals[c].variance += std::pow(traced.standard_error[3 * i + c], 2);
+    }
+  return totals;
+}
+
 // Much gloss, little albedo: one reflection, whose lobe the fast path must follow exactly.
 TEST(Gloss, FirstReflectionIsThatOfPathTracing) {
   auto room = simdata::smaller(*simdata::default_room("glossy"), 8, 8, 256);
@@ -297,23 +322,8 @@ TEST(Gloss, FirstReflectionIsThatOfPathTracing) {
   for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = {.04, .05, .03};
   room.simulation.surfaces[0].gloss = .6, room.simulation.surfaces[0].roughness = .25;
   room.simulation.surfaces[1].gloss = .5, room.simulation.surfaces[1].roughness = .35;
-  const auto simulator = test::simulate(room);
-  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
-  const simdata::TrueGeometry g = simulator->geometry(0);
-  std::vector<Eigen::Vector2d> pixels;
-  for (int y = 30; y < 120; y += 9)
-    for (int x = 12; x < 230; x += 11)
-      if (test::inside_wall(g, x, y)) pixels.emplace_back(x, y);
-  ASSERT_GT(pixels.size(), 60u);
-  const Image fast = simulator->light(0, pictures).indirect;
-  const auto traced = simulator->trace_indirect(0, pictures, pixels, 20000);
-  double deviation = 0, sum = 0, variance = 0;
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const double value = fast.at(static_cast<int>(pixels[i].x()), static_cast<int>(pixels[i].y()), 1);
-    deviation += value - traced.mean[3 * i + 1], sum += traced.mean[3 * i + 1];
-    variance += std::pow(traced.standard_error[3 * i + 1], 2);
-  }
-  EXPECT_LT(std::abs(deviation), 4 * std::sqrt(variance) + .01 * sum);  // second reflections, a draft's interpolation
+  const Totals green = against_path_tracing(room, 11, 9, 20000)[1];
+  EXPECT_LT(std::abs(green.deviation), 4 * std::sqrt(green.variance) + .01 * green.sum);  // a draft's interpolation
 }
 
 // Much gloss and much albedo: light that has bounced meets gloss again and again.
@@ -323,25 +333,8 @@ TEST(Gloss, AllReflectionsAreThoseOfPathTracing) {
   for (SimulatedSurface& wall : room.simulation.surfaces) wall.albedo = {.8, .9, .7}, wall.texture = .1;
   room.simulation.surfaces[0].gloss = .95, room.simulation.surfaces[0].roughness = .4;
   room.simulation.surfaces[1].gloss = .85, room.simulation.surfaces[1].roughness = .5;
-  const auto simulator = test::simulate(room);
-  const std::vector<Picture> pictures{test::waves(0), test::waves(1)};
-  const simdata::TrueGeometry g = simulator->geometry(0);
-  std::vector<Eigen::Vector2d> pixels;
-  for (int y = 30; y < 120; y += 6)
-    for (int x = 12; x < 230; x += 8)
-      if (test::inside_wall(g, x, y)) pixels.emplace_back(x, y);
-  ASSERT_GT(pixels.size(), 150u);
-  const Image fast = simulator->light(0, pictures).indirect;
-  const auto traced = simulator->trace_indirect(0, pictures, pixels, 12000);
-  for (int c = 0; c < 3; ++c) {
-    double deviation = 0, sum = 0, variance = 0;
-    for (std::size_t i = 0; i < pixels.size(); ++i) {
-      const double value = fast.at(static_cast<int>(pixels[i].x()), static_cast<int>(pixels[i].y()), c);
-      deviation += value - traced.mean[3 * i + c], sum += traced.mean[3 * i + c];
-      variance += std::pow(traced.standard_error[3 * i + c], 2);
-    }
-    EXPECT_LT(std::abs(deviation), 4 * std::sqrt(variance) + 1e-3 * sum) << c;
-  }
+  for (const Totals& t : against_path_tracing(room, 8, 6, 12000))
+    EXPECT_LT(std::abs(t.deviation), 4 * std::sqrt(t.variance) + 1e-3 * t.sum);
 }
 
 // In an even surround a lone wall looks as it does where light comes evenly from everywhere, gloss and all.
