@@ -63,9 +63,9 @@ TEST(Photograph, MeasuresTheDirectLightWithoutAModel) {
       simdata::simulated_devices(simdata::Simulator::make(hazy.rig, hazy.simulation, progress).value());
   const auto cleared =
       photograph(hazy_devices, made.rig.cameras[0], pixels, plain, plain, 0.08 / 1.08, 4, progress).value();
-  for (const auto& [a, b] : {std::pair(&cleared.uncompensated, &photos->uncompensated),
-                             std::pair(&cleared.compensated, &photos->compensated),
-                             std::pair(&cleared.target, &photos->target)}) {
+  for (const auto& [a, b] :
+       {std::pair(&cleared.uncompensated, &photos->uncompensated),
+        std::pair(&cleared.compensated, &photos->compensated), std::pair(&cleared.target, &photos->target)}) {
     double mean = 0, difference = 0;
     for (std::size_t i = 0; i < a->data().size(); ++i) mean += b->data()[i], difference += a->data()[i] - b->data()[i];
     EXPECT_LT(std::abs(difference), 1e-3 * mean);  // of 8 %; noise averages out

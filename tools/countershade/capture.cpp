@@ -77,8 +77,7 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
     CS_TRY_VOID(
         write_truth(*open.simulator, captured.sequence, options.truth, options.truth_options, *context.progress));
   CS_TRY_VOID(context.record(options.out, {options.rig}));
-  return session_answer(options.out, captured.sequence.frames.size(),
-                        choices_text(captured) + decoded_text(captured));
+  return session_answer(options.out, captured.sequence.frames.size(), choices_text(captured) + decoded_text(captured));
 }
 
 Result<Answer> run_patterns(const Options& options, const Context& context) {
