@@ -6,8 +6,8 @@
 
 #include "calib/file/file.h"
 #include "calib/file/nearest.h"
+#include "capture/session/live_decoding.h"
 #include "tools/job/calibration.h"
-#include "tools/job/live_decoding.h"
 
 namespace countershade::tools {
 
@@ -58,7 +58,7 @@ std::optional<Sequence> stored_sequence(const fs::path& folder, const Sequence& 
 // Captures what is missing of the sequence, and decodes it meanwhile.
 Result<void> capture_and_decode(const Rig& rig, const std::string& simulation_toml, const capture::Devices& devices,
                                 const fs::path& folder, bool extend, CodedCapture& captured, Progress& progress) {
-  LiveDecoding decoding(folder, captured.sequence, camera_to_use(rig).id);
+  capture::LiveDecoding decoding(folder, captured.sequence, camera_to_use(rig).id);
   capture::CaptureOptions options;
   options.extend = extend;
   options.stored = [&](int frame) { decoding.stored(frame); };

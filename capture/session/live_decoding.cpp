@@ -1,16 +1,16 @@
-#include "tools/job/live_decoding.h"
+#include "capture/session/live_decoding.h"
 
 #include <algorithm>
 #include <memory>
 #include <utility>
 
-namespace countershade::tools {
+namespace countershade::capture {
 
 LiveDecoding::LiveDecoding(std::filesystem::path session, Sequence sequence, std::string camera)
     : folder_(std::move(session)), sequence_(std::move(sequence)), camera_(std::move(camera)) {
   for (const auto& [id, resolution] : sequence_.projectors) {
     Pending& pending = projectors_.emplace_back();
-    Result<capture::Decoder> decoder = capture::Decoder::make(sequence_, camera_, id, {});
+    Result<Decoder> decoder = Decoder::make(sequence_, camera_, id, {});
     if (!decoder) {
       pending.result = decoder.error();
       continue;
@@ -40,14 +40,14 @@ void LiveDecoding::stored(int frame) {
   changed_.notify_one();
 }
 
-std::vector<Result<capture::Correspondence>> LiveDecoding::finish() {
+std::vector<Result<Correspondence>> LiveDecoding::finish() {
   {
     const std::lock_guard lock(mutex_);
     last_ = true;
   }
   changed_.notify_one();
   worker_.join();
-  std::vector<Result<capture::Correspondence>> all;
+  std::vector<Result<Correspondence>> all;
   for (Pending& p : projectors_) all.push_back(p.result ? *std::move(p.result) : p.decoder->finish());
   return all;
 }
@@ -94,4 +94,4 @@ void LiveDecoding::read(int frame) {
   }
 }
 
-}  // namespace countershade::tools
+}  // namespace countershade::capture

@@ -1,16 +1,14 @@
-// What is decoded while photos are taken against what their session gives.
-#include "tools/job/live_decoding.h"
+// Capture with the code that the room needs, decoded meanwhile, against what the session gives.
+#include "tools/job/coded_capture.h"
 
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <fstream>
 
 #include "simdata/device/faults.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
-#include "tools/job/coded_capture.h"
 
 namespace countershade::tools {
 namespace {
@@ -54,22 +52,17 @@ void expect_as_decoded(const CodedCapture& captured, const fs::path& folder) {
   }
 }
 
-class LiveDecodingOf : public ::testing::TestWithParam<const char*> {};
-
-TEST_P(LiveDecodingOf, EqualsThatOfTheSessionAlsoWherePhotosAreRetaken) {
+TEST(CodedCapture, DecodesWhatTheSessionHoldsAlsoWherePhotosAreRetaken) {
   const TemporaryFolder folder;
   SilentProgress quiet;
-  // Photos that show the former picture are found and taken again, some with their partners.
   const auto faults = simdata::parse_faults("stale-frame@15,duplicated-frame@21,dropped-frame@26").value();
-  const auto captured = capture_with_code(room().rig, "", GetParam(), simdata::simulated_devices(simulator(), faults),
+  const auto captured = capture_with_code(room().rig, "", "auto", simdata::simulated_devices(simulator(), faults),
                                           folder / "session", quiet);
   ASSERT_TRUE(captured) << captured.error().message;
   expect_as_decoded(*captured, folder / "session");
 }
 
-INSTANTIATE_TEST_SUITE_P(Codes, LiveDecodingOf, ::testing::Values("gray", "micro-phase"));
-
-TEST(LiveDecoding, ReadsWhatAFormerCaptureLeft) {
+TEST(CodedCapture, DecodesWhatAFormerCaptureLeft) {
   const TemporaryFolder folder;
   SilentProgress quiet;
   const auto capture = [&] {
@@ -84,33 +77,6 @@ TEST(LiveDecoding, ReadsWhatAFormerCaptureLeft) {
   const auto resumed = capture();
   ASSERT_TRUE(resumed) << resumed.error().message;
   expect_as_decoded(*resumed, folder / "session");
-}
-
-TEST(LiveDecoding, SaysWhatIsMissingAndWhatCannotBeRead) {
-  const TemporaryFolder folder;
-  SilentProgress quiet;
-  const auto captured =
-      capture_with_code(room().rig, "", "gray", simdata::simulated_devices(simulator()), folder / "session", quiet);
-  ASSERT_TRUE(captured) << captured.error().message;
-  {
-    LiveDecoding idle(folder / "session", captured->sequence, "camera");
-    idle.stored(captured->sequence.frames[0].index);  // dropped with the rest
-  }
-  LiveDecoding few(folder / "session", captured->sequence, "camera");
-  few.stored(captured->sequence.frames[0].index);
-  for (const auto& result : few.finish()) {
-    ASSERT_FALSE(result);
-    EXPECT_NE(result.error().message.find("is missing"), std::string::npos) << result.error().message;
-  }
-  const Session session = Session::open(folder / "session").value();
-  const int broken = captured->sequence.frames[0].index;
-  std::ofstream(session.photo_path("camera", broken), std::ios::trunc) << "no photo";
-  LiveDecoding unreadable(folder / "session", captured->sequence, "camera");
-  for (const Frame& f : captured->sequence.frames) unreadable.stored(f.index);
-  const auto results = unreadable.finish();
-  int failed = 0;
-  for (const auto& result : results) failed += !result;
-  EXPECT_GE(failed, 1);
 }
 
 }  // namespace

@@ -15,10 +15,10 @@
 #include "calib/file/session.h"
 #include "capture/pattern/decode.h"
 
-namespace countershade::tools {
+namespace countershade::capture {
 
-// Reads one camera's photos of a session that is being captured, in a thread of its own, as they are stored. What it
-// gives is what capture::decode gives for the finished session, bit for bit.
+// Reads one camera's photos of a session that is being captured, in a thread of its own, as they are stored (what
+// CaptureOptions::stored tells). What it gives is what decode() gives for the finished session, bit for bit.
 class LiveDecoding {
  public:
   LiveDecoding(std::filesystem::path session, Sequence sequence, std::string camera);
@@ -30,13 +30,13 @@ class LiveDecoding {
   void stored(int frame);
   // Waits for what is left, once. Per projector, in the order of the sequence; those whose frames are not all there are
   // errors (kRefused).
-  std::vector<Result<capture::Correspondence>> finish();
+  std::vector<Result<Correspondence>> finish();
 
  private:
   struct Pending {
-    std::optional<capture::Decoder> decoder;
+    std::optional<Decoder> decoder;
     std::set<int> frames, missing;  // of its code; not seen yet
-    std::optional<Result<capture::Correspondence>> result;
+    std::optional<Result<Correspondence>> result;
   };
   void work();
   void read(int frame);
@@ -53,4 +53,4 @@ class LiveDecoding {
   std::thread worker_;
 };
 
-}  // namespace countershade::tools
+}  // namespace countershade::capture
