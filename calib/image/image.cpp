@@ -177,15 +177,22 @@ Image box_reduce(const Image& image, int factor) {
   return out;
 }
 
+std::array<float, 3> channel_means(const Image& image) {
+  const int channels = image.channels();
+  std::array<double, 3> sum{0, 0, 0};
+  for (std::size_t i = 0; i < image.data().size(); ++i) sum[i % channels] += image.data()[i];
+  std::array<float, 3> means{0, 0, 0};
+  for (int c = 0; c < 3 && image.pixels() > 0; ++c)
+    means[c] = static_cast<float>(sum[std::min(c, channels - 1)] / static_cast<double>(image.pixels()));
+  return means;
+}
+
 void take_out_veil(Image& photo, double share) {
-  if (share == 0 || photo.pixels() == 0) return;
+  if (share == 0) return;
+  const std::array<float, 3> means = channel_means(photo);
   const int channels = photo.channels();
-  for (int c = 0; c < channels; ++c) {
-    double sum = 0;
-    for (std::size_t i = 0; i < photo.pixels(); ++i) sum += photo.data()[channels * i + c];
-    const auto veil = static_cast<float>(share * sum / static_cast<double>(photo.pixels()));
-    for (std::size_t i = 0; i < photo.pixels(); ++i) photo.data()[channels * i + c] -= veil;
-  }
+  for (std::size_t i = 0; i < photo.data().size(); ++i)
+    photo.data()[i] -= static_cast<float>(share) * means[i % channels];
 }
 
 Image luminance_mean(const Image& image) {

@@ -1,6 +1,7 @@
 // Images in memory: linear floats, interleaved channels, row 0 on top, the centre of the first pixel at (0, 0).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -62,6 +63,9 @@ NoiseModel estimate_noise(std::span<const Photo> photos);
 // Standard deviation of what a converter rounds away, by the smallest step between values that occurs (step /
 // sqrt(12)); coarse converters hide the noise that estimate_noise looks for. 0 where all values are equal.
 double rounding_sigma(std::span<const Photo> photos);
+
+// Mean of every channel; those beyond the image's are its last one's, 0 where there is no pixel.
+std::array<float, 3> channel_means(const Image& image);
 
 // Takes out what veiling glare lays over a photo evenly: `share` of its own mean, per channel.
 void take_out_veil(Image& photo, double share);

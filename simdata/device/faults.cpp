@@ -8,6 +8,7 @@
 #include "calib/base/random.h"
 #include "calib/file/nearest.h"
 #include "simdata/device/blur.h"
+#include "simdata/device/sensor.h"
 
 namespace countershade::simdata {
 
@@ -226,7 +227,7 @@ void Faults::light(Image& light, std::uint64_t photo) const {
         });
       }
   if (const double v = value(photo, "defocus"); v > 0) light = blurred(light, v);
-  if (const double v = value(photo, "glare"); v > 0) take_out_veil(light, -v);
+  if (const double v = value(photo, "glare"); v > 0) add_glare(light, v);
   const int specks = static_cast<int>(value(photo, "dust"));
   Random random(mix(seed_ ^ hash_name("dust")));
   for (int i = 0; i < specks; ++i) {

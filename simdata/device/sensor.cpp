@@ -115,14 +115,18 @@ capture::Exposure read_out(const Image& light, const SimulatedCamera& camera, co
 
 }  // namespace
 
+void add_glare(Image& light, double share) {
+  if (share == 0) return;
+  const int channels = light.channels();
+  std::vector<double> sum(channels);
+  for (std::size_t i = 0; i < light.data().size(); ++i) sum[i % channels] += light.data()[i];
+  for (std::size_t i = 0; i < light.data().size(); ++i)
+    light.data()[i] += static_cast<float>(share * sum[i % channels] / static_cast<double>(light.pixels()));
+}
+
 Image through_lens(const Image& light, const SimulatedCamera& camera) {
   Image seen = blurred(light, camera.psf_sigma_px);
-  if (camera.veiling_glare == 0) return seen;
-  const int channels = seen.channels();
-  std::vector<double> sum(channels);
-  for (std::size_t i = 0; i < seen.data().size(); ++i) sum[i % channels] += seen.data()[i];
-  for (std::size_t i = 0; i < seen.data().size(); ++i)
-    seen.data()[i] += static_cast<float>(camera.veiling_glare * sum[i % channels] / static_cast<double>(seen.pixels()));
+  add_glare(seen, camera.veiling_glare);
   return seen;
 }
 

@@ -11,6 +11,7 @@ namespace countershade::simdata {
 // What the lens makes of light: blurred by the point spread function, then veiled by `veiling_glare` times each
 // channel's mean.
 Image through_lens(const Image& light, const SimulatedCamera& camera);
+void add_glare(Image& light, double share);  // of each channel's mean
 
 // light: units of full scale at the reference exposure, after through_lens. Electrons of a pixel are Gaussian with
 // mean N = light * exposure / reference * full well and variance N + read_noise^2 (EMVA 1288's linear model); stored

@@ -128,19 +128,8 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
   CS_CHECK(lights.size() == pixels.beam.size(), "one light per projector");
   Sums sums = sum_over_patches(pixels, patches, photo, lights);
   PatchFrame frame;
-  for (int c = 0; c < 3; ++c) {
-    double sum = 0;
-    const int channels = photo.value.channels(), from = channel_of(photo, c);
-    for (std::size_t i = 0; i < photo.value.pixels(); ++i) sum += photo.value.data()[channels * i + from];
-    frame.mean[c] = static_cast<float>(sum / static_cast<double>(photo.value.pixels()));
-  }
-  for (const Image& light : lights) {
-    std::array<double, 3> sum{0, 0, 0};
-    for (std::size_t i = 0; i < light.data().size(); ++i) sum[i % 3] += light.data()[i];
-    const auto n = static_cast<double>(std::max<std::size_t>(1, light.pixels()));
-    frame.shown.push_back(
-        {static_cast<float>(sum[0] / n), static_cast<float>(sum[1] / n), static_cast<float>(sum[2] / n)});
-  }
+  frame.mean = channel_means(photo.value);
+  for (const Image& light : lights) frame.shown.push_back(channel_means(light));
   frame.m = Radiosity::Zero(patches, 3);
   frame.sigma = Radiosity::Constant(patches, 3, std::numeric_limits<float>::infinity());
   frame.p.assign(lights.size(), Radiosity::Zero(patches, 3));
