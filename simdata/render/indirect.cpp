@@ -12,8 +12,7 @@
 namespace countershade::simdata {
 
 IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vector<Emitter>& emitters,
-                             const Paint& paint, const Simulation& simulation, std::vector<Eigen::Vector3d> viewers,
-                             Progress& progress)
+                             const Paint& paint, const Simulation& simulation, std::vector<Eigen::Vector3d> viewers)
     : scene_(std::move(scene)),
       emitters_(emitters),
       paint_(paint),
@@ -30,9 +29,38 @@ IndirectLight::IndirectLight(std::shared_ptr<const Scene> scene, const std::vect
     for (int k = 0; k < strata_ * strata_ && scene_->shape(s).form() != Shape::Form::kMesh; ++k)
       cells_[s].push_back(cell_at(s, (k % strata_ + 0.5) * side, (k / strata_ + 0.5) * side, side, side));
   stand(simulation.samples < 1024);
-  gather(coarse_, "indirect light, coarse", progress);
-  gather(fine_, "indirect light", progress);
-  if (!mirrored_.at.empty()) gather_mirrored(progress);
+}
+
+Result<std::unique_ptr<IndirectLight>> IndirectLight::make(std::shared_ptr<const Scene> scene,
+                                                           const std::vector<Emitter>& emitters, const Paint& paint,
+                                                           const Simulation& simulation,
+                                                           std::vector<Eigen::Vector3d> viewers, Progress& progress) {
+  std::unique_ptr<IndirectLight> light(
+      new IndirectLight(std::move(scene), emitters, paint, simulation, std::move(viewers)));
+  const std::size_t cameras = light->viewers_.size();
+  const bool mirrors = !light->mirrored_.at.empty();
+  light->entries_ = light->numbers(light->coarse_.at, 0, false) + light->numbers(light->fine_.at, cameras, false);
+  if (mirrors) light->entries_ += 3 * light->numbers(light->mirrored_.at, cameras, true);
+  constexpr double kAtMost = 2e9;
+  if (light->entries_ > kAtMost) {
+    int largest = 0;
+    for (int s = 0; s < light->scene_->size(); ++s)
+      if (light->coarse_.at[s].size() > light->coarse_.at[largest].size()) largest = s;
+    return error(ErrorCode::kBadValue,
+                 "[simulation] the light between the surfaces would take {:.0f} MB, {:.0f} at most: simplify surface "
+                 "'{}' (light is computed at {} corners of it; faces that meet at less than 30 degrees share theirs){}",
+                 4e-6 * light->entries_, 4e-6 * kAtMost, simulation.surfaces[largest].id,
+                 light->coarse_.at[largest].size(), mirrors ? ", or set gloss to 0" : "");
+  }
+  light->coarse_.walls = light->empty_walls(light->coarse_.at, 0, false);
+  light->fine_.walls = light->empty_walls(light->fine_.at, cameras, false);
+  light->gather(light->coarse_, "indirect light, coarse", progress);
+  light->gather(light->fine_, "indirect light", progress);
+  if (mirrors) {
+    for (Walls& walls : light->mirrored_.channels) walls = light->empty_walls(light->mirrored_.at, cameras, true);
+    light->gather_mirrored(progress);
+  }
+  return light;
 }
 
 // Few samples mean a draft, for tests: no point in many receivers. More surfaces have fewer each, and so have rooms
@@ -55,11 +83,7 @@ void IndirectLight::stand(bool draft) {
     any_by_rays_ |= by_rays(s);
     any_gloss |= paint_.is_glossy(s);
   }
-  coarse_.walls = empty_walls(coarse_.at, 0, false);
-  fine_.walls = empty_walls(fine_.at, viewers_.size(), false);
-  if (!any_gloss) return;
-  for (int s = 0; s < surfaces; ++s) mirrored_.at.emplace_back(*scene_, s, static_cast<int>(by_gloss));
-  for (Walls& walls : mirrored_.channels) walls = empty_walls(mirrored_.at, viewers_.size(), true);
+  for (int s = 0; s < surfaces && any_gloss; ++s) mirrored_.at.emplace_back(*scene_, s, static_cast<int>(by_gloss));
 }
 
 std::string IndirectLight::effort() const {
@@ -70,7 +94,7 @@ std::string IndirectLight::effort() const {
   return fmt::format(
       "indirect light: {} receiving points, {} strata of each surface (2 samples each, more nearby), {} lit blocks; "
       "{:.0f} MB",
-      receivers, strata_ * strata_, pairs, 4e-6 * static_cast<double>(entries_));
+      receivers, strata_ * strata_, pairs, 4e-6 * entries_);
 }
 
 // Which blocks of which projector light which surface, with one block of margin.
@@ -276,19 +300,33 @@ void IndirectLight::look_around(const Receivers& receivers, int surface, int ind
 }
 
 // by_gloss: light that comes by way of another surface, from any surface, its own too.
-IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows, bool by_gloss) {
+bool IndirectLight::sends(int from, int to, bool by_gloss) const {
+  return from != to || scene_->shape(from).sees_itself() || by_gloss;
+}
+
+double IndirectLight::numbers(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss) const {
+  double sum = 0;
+  for (int s = 0; s < scene_->size(); ++s)
+    for (int t = 0; t < scene_->size(); ++t)
+      if (sends(t, s, by_gloss))
+        sum += (1.0 + (paint_.is_glossy(s) ? static_cast<double>(viewers) : 0.0)) * at[s].size() *
+               (static_cast<double>(pairs_[t].size()) + coarse_.at[t].size());
+  return sum;
+}
+
+IndirectLight::Wall IndirectLight::empty_wall(int surface, int rows, bool by_gloss) const {
   Wall wall;
   for (int t = 0; t < scene_->size(); ++t) {
-    const bool unseen = t == surface && !scene_->shape(t).sees_itself() && !by_gloss;
-    wall.from_blocks.push_back(Weights::Zero(unseen ? 0 : rows, static_cast<int>(pairs_[t].size())));
-    wall.from_receivers.push_back(Weights::Zero(unseen ? 0 : rows, coarse_.at[t].size()));
-    entries_ += wall.from_blocks.back().size() + wall.from_receivers.back().size();
+    const int sent = sends(t, surface, by_gloss) ? rows : 0;
+    wall.from_blocks.push_back(Weights::Zero(sent, static_cast<int>(pairs_[t].size())));
+    wall.from_receivers.push_back(Weights::Zero(sent, coarse_.at[t].size()));
   }
   wall.escape = Eigen::VectorXf::Zero(rows);
   return wall;
 }
 
-IndirectLight::Walls IndirectLight::empty_walls(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss) {
+IndirectLight::Walls IndirectLight::empty_walls(const std::vector<Receivers>& at, std::size_t viewers,
+                                                bool by_gloss) const {
   Walls walls(1 + viewers);
   for (std::size_t k = 0; k < walls.size(); ++k)
     for (int s = 0; s < scene_->size(); ++s)

@@ -39,9 +39,12 @@ using Rgb = Eigen::Matrix<float, Eigen::Dynamic, 4, Eigen::RowMajor>;
 
 class IndirectLight {
  public:
-  // viewers: where the cameras stand; they count for glossy surfaces only.
-  IndirectLight(std::shared_ptr<const Scene> scene, const std::vector<Emitter>& emitters, const Paint& paint,
-                const Simulation& simulation, std::vector<Eigen::Vector3d> viewers, Progress& progress);
+  // viewers: where the cameras stand; they count for glossy surfaces only. emitters and paint must outlive it. Error:
+  // kBadValue when its numbers would take more than 8 GB (a mesh with many corners, glossy ones above all).
+  static Result<std::unique_ptr<IndirectLight>> make(std::shared_ptr<const Scene> scene,
+                                                     const std::vector<Emitter>& emitters, const Paint& paint,
+                                                     const Simulation& simulation, std::vector<Eigen::Vector3d> viewers,
+                                                     Progress& progress);
 
   const Receivers& receivers(int surface) const { return fine_.at[surface]; }
   // Share of the surround that a receiver sees, cosine-weighted.
@@ -96,10 +99,15 @@ class IndirectLight {
     int surface, face;
     std::array<Eigen::Vector2d, 3> corners;  // (b1, b2) of the face
   };
+  IndirectLight(std::shared_ptr<const Scene> scene, const std::vector<Emitter>& emitters, const Paint& paint,
+                const Simulation& simulation, std::vector<Eigen::Vector3d> viewers);
   void list_pairs();
   void stand(bool draft);
-  Walls empty_walls(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss);
-  Wall empty_wall(int surface, int rows, bool by_gloss);
+  bool sends(int from, int to, bool by_gloss) const;
+  // Numbers of what empty_walls would make.
+  double numbers(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss) const;
+  Walls empty_walls(const std::vector<Receivers>& at, std::size_t viewers, bool by_gloss) const;
+  Wall empty_wall(int surface, int rows, bool by_gloss) const;
   bool by_rays(int surface) const;
   Cell cell_at(int surface, double u, double v, double du, double dv) const;
 
@@ -138,7 +146,7 @@ class IndirectLight {
   std::uint64_t seed_ = 1;
   float ambient_ = 0;
   bool any_by_rays_ = false;
-  std::int64_t entries_ = 0;                           // stored numbers
+  double entries_ = 0;                                 // stored numbers
   std::vector<std::vector<std::vector<int>>> column_;  // [surface][projector][block], -1 = lights it not
   std::vector<std::vector<std::pair<int, int>>>
       pairs_;  // [surface][column] = projector, block; projector -1 = daylight

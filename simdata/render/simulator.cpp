@@ -115,8 +115,8 @@ Result<std::shared_ptr<Simulator>> Simulator::make(const Rig& rig, const Simulat
     CS_TRY(cameras.emplace_back(), true_camera(simulation, spec.id));
     viewers.push_back(cameras.back().position());
   }
-  state->indirect = std::make_unique<IndirectLight>(state->scene, state->emitters, state->paint, simulation,
-                                                    std::move(viewers), progress);
+  CS_TRY(state->indirect,
+         IndirectLight::make(state->scene, state->emitters, state->paint, simulation, std::move(viewers), progress));
   progress.note(state->indirect->effort());
   std::shared_ptr<Simulator> simulator(new Simulator(std::move(state)));
   State& made = *simulator->state_;

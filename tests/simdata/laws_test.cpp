@@ -34,7 +34,7 @@ struct Daylit {
     scene = *simdata::Scene::make(*simdata::make_shapes(room));
     paint = std::make_unique<simdata::Paint>(room);
     SilentProgress progress;
-    indirect = std::make_unique<IndirectLight>(scene, none, *paint, room, std::vector<Eigen::Vector3d>(), progress);
+    indirect = *IndirectLight::make(scene, none, *paint, room, {}, progress);
     field = indirect->solve({}, 0);
   }
   double irradiance(int surface, double u, double v, int channel = 0) const {

@@ -104,6 +104,31 @@ TEST(Lobe, EvenLightGivesItsAlbedo) {
   EXPECT_EQ(painted(SimulatedSurface()).lobe(origin(), slanted(20), slanted(70)), 1);
 }
 
+// Drawn directions weigh what the lobe says, wherever they lead: three moments of it.
+TEST(Lobe, DrawnDirectionsAreThoseThatGlossMirrors) {
+  for (double roughness : {.15, .4, .9})
+    for (double degrees : {0., 35., 70.}) {
+      SimulatedSurface s;
+      s.gloss = .7, s.roughness = roughness;
+      const simdata::Paint paint = painted(s);
+      const Eigen::Vector3d out = slanted(degrees);
+      constexpr int kSide = 300;
+      Eigen::Array3d drawn = Eigen::Array3d::Zero();
+      const auto moments = [](const Eigen::Vector3d& in) { return Eigen::Array3d(1, in.x(), in.y() * in.y()); };
+      for (int j = 0; j < kSide; ++j)
+        for (int i = 0; i < kSide; ++i) {
+          const auto in = paint.mirrored(origin(), out, (i + .5) / kSide, (j + .5) / kSide);
+          if (in.weight > 0) drawn += in.weight * moments(in.direction) / (kSide * kSide);
+          EXPECT_TRUE(!(in.weight > 0) || std::abs(in.direction.norm() - 1) < 1e-9);
+        }
+      for (int k = 0; k < 3; ++k) {
+        const double expected =
+            cosine_mean([&](const Eigen::Vector3d& in) { return paint.glossy(origin(), in, out) * moments(in)[k]; });
+        EXPECT_NEAR(drawn[k], expected, 2e-3) << roughness << " " << degrees << " " << k;
+      }
+    }
+}
+
 TEST(Paint, PatchworkHasOneAlbedoPerCellAndDaylightItsRectangle) {
   SimulatedSurface s;
   s.patchwork = .2, s.patchwork_cells = {3, 2};

@@ -159,8 +159,8 @@ TEST(Surround, BacksHideTheSurroundToo) {
     const simdata::Paint paint(room);
     const std::vector<simdata::Emitter> none;
     SilentProgress q;
-    const simdata::IndirectLight light(scene, none, paint, room, {}, q);
-    EXPECT_NEAR(1 - light.escape(0).mean(), 0.35567, .003) << back;
+    const auto light = *simdata::IndirectLight::make(scene, none, paint, room, {}, q);
+    EXPECT_NEAR(1 - light->escape(0).mean(), 0.35567, .003) << back;
   }
 }
 TEST(Layout, RoundSurfacesThatCrossAreNamed) {
@@ -188,8 +188,35 @@ TEST(ByRays, NothingEscapesAClosedMesh) {
   const simdata::Paint paint(room);
   const std::vector<simdata::Emitter> none;
   SilentProgress quiet;
-  const simdata::IndirectLight light(scene, none, paint, room, {}, quiet);
-  EXPECT_LT(light.escape(0).cwiseAbs().maxCoeff(), .01);  // leaks at edges
+  const auto light = *simdata::IndirectLight::make(scene, none, paint, room, {}, quiet);
+  EXPECT_LT(light->escape(0).cwiseAbs().maxCoeff(), .01);  // leaks at edges
+}
+
+// A crumpled sheet whose corners stand once per face: light between 40,000 corners does not fit into any computer.
+TEST(IndirectLight, RoomsThatDoNotFitIntoMemoryAreRefusedBeforeTheyTakeAny) {
+  std::vector<Eigen::Vector3d> corners;
+  std::vector<Eigen::Vector3i> faces;
+  constexpr int kSide = 99;
+  Random random(hash_name("crumpled"));
+  for (int y = 0; y <= kSide; ++y)
+    for (int x = 0; x <= kSide; ++x) corners.emplace_back(x, y, random.uniform(0, 4));
+  for (int y = 0; y < kSide; ++y)
+    for (int x = 0; x < kSide; ++x) {
+      const int at = y * (kSide + 1) + x;
+      faces.emplace_back(at, at + 1, at + kSide + 1), faces.emplace_back(at + 1, at + kSide + 2, at + kSide + 1);
+    }
+  Simulation room;
+  room.surfaces.resize(1), room.surfaces[0].id = "crumpled";
+  const auto sheet = simdata::prepared_mesh(corners, faces, "crumpled");
+  ASSERT_TRUE(sheet) << sheet.error().message;
+  ASSERT_GT(sheet->corners.size(), 35000u);
+  const auto scene = *simdata::Scene::make({std::make_shared<simdata::MeshShape>(*sheet)});
+  const simdata::Paint paint(room);
+  const std::vector<simdata::Emitter> none;
+  SilentProgress quiet;
+  const auto light = simdata::IndirectLight::make(scene, none, paint, room, {}, quiet);
+  ASSERT_FALSE(light);
+  EXPECT_NE(light.error().message.find("simplify surface 'crumpled'"), std::string::npos) << light.error().message;
 }
 
 TEST(PatchTruth, RowsOfAClosedRoomSumToOneAndItsSigmasAreTrue) {
