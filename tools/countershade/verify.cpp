@@ -157,7 +157,9 @@ void add_verify(CLI::App& app, Action& action) {
       ->capture_default_str()
       ->excludes(pictures);
   verb->add_option("--photos", options->photos,
-                   "take these photos instead of photographing: plain, compensated, target (several parts add up)")
+                   "take these photos instead of photographing: plain, compensated, target (several parts add up); the "
+                   "glare that "
+                   "the calibration knows is taken out of them")
       ->expected(1, 64);
   verb->add_option("--rig", options->rig, "rig.toml of the devices [default: those of the calibration's session]");
   verb->add_option("--exposures", options->exposures, "photos averaged for each picture")

@@ -24,6 +24,7 @@ using capture::Correspondence;
 using nlohmann::json;
 namespace fs = std::filesystem;
 
+constexpr int kFormat = 2;  // of calibration.json; 1 knew no camera_veil
 constexpr double kMostWrong =
     0.002;                           // of decoded pixels, by held-out patterns: more than decoders leave on real boards
 constexpr double kMostUnread = 0.1;  // of pixels that are clearly lit
@@ -299,7 +300,7 @@ json summary_json(const CalibrationSummary& s) {
                        {"accepted_share", d.accepted},
                        {"judged_pixels", d.judged},
                        {"wrong_share", d.wrong}});
-  return {{"format_version", 1},
+  return {{"format_version", kFormat},
           {"decoded", decoded},
           {"has_geometry", s.has_geometry},
           {"has_model", s.has_model},
@@ -329,7 +330,7 @@ CalibrationSummary summary_from(const json& j) {
   s.chi2 = j.at("chi2_reduced");
   s.held_out_error = j.at("held_out_error");
   s.held_out_p99 = j.at("held_out_p99");
-  s.veil = j.value("camera_veil", 0.0);
+  s.veil = j.at("format_version") < 2 ? 0 : j.at("camera_veil").get<double>();
   s.frames = j.at("photometric_frames");
   s.session_frames = j.at("session_frames");
   s.notes = j.at("notes").get<std::vector<std::string>>();
@@ -433,10 +434,10 @@ Result<Calibration> open_calibration(const fs::path& folder) {
   Calibration calibration;
   try {
     const json j = json::parse(text);
-    if (j.at("format_version").get<int>() > 1)
+    if (j.at("format_version").get<int>() > kFormat)
       return error(ErrorCode::kBadFile,
-                   "'{}' has format_version {}, this program reads up to 1; use a newer countershade",
-                   (folder / "calibration.json").string(), j.at("format_version").get<int>());
+                   "'{}' has format_version {}, this program reads up to {}; use a newer countershade",
+                   (folder / "calibration.json").string(), j.at("format_version").get<int>(), kFormat);
     calibration.summary = summary_from(j);
   } catch (const json::exception& e) {
     return error(ErrorCode::kBadFile, "'{}' is not a calibration's summary: {}; run calibrate again",

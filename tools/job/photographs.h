@@ -23,9 +23,9 @@ struct Photographs {
 Result<Image> average_exposure(capture::Camera& camera, const CameraSpec& spec, int count);
 
 // The target is photographed, never computed: each projector alone shows its picture behind four stripe masks shifted
-// by half a stripe. veil: the camera's, by its calibration; taken out of every photo. Where a pixel is well inside a
-// stripe, lit minus dark is its direct light, since the indirect light of complementary fine stripes is the same (Nayar
-// et al. 2006). Sum over projectors, plus black.
+// by half a stripe. Where a pixel is well inside a stripe, lit minus dark is its direct light, since the indirect light
+// of complementary fine stripes is the same (Nayar et al. 2006). Sum over projectors, plus black.
+// veil: the camera's glare by its calibration (PhotometricFit::veil), taken out of every photo.
 Result<Photographs> photograph(const capture::Devices& devices, const CameraSpec& camera,
                                const solver::PixelGeometry& pixels, std::span<const Picture> plain,
                                std::span<const Picture> compensated, double veil, int exposures, Progress& progress);
