@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "calib/image/image_file.h"
-#include "capture/session/frame_check.h"
+#include "capture/session/frame_judge.h"
 #include "capture/session/session_folder.h"
 
 namespace countershade::capture {
@@ -15,23 +15,10 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// A change of the projected light is looked for only where it is predicted to be this much of the camera's response.
-constexpr double kPredictable = 0.1;
-// A fresh photo shows about all of the predicted change, a stale one none: the line between them.
-constexpr double kShownChange = 0.03;
-// Light adds; compression of fine stripes and a drifting lamp stay below this (noise comes on top), a wrong frame whose
-// stripes the camera resolves above.
-constexpr double kPairTolerance = 0.15;
-// A change of the view that an unmoved camera does not make, beside four times its noise.
-constexpr double kMoved = 0.01, kBrightened = 0.1;
-
 struct CameraSlot {
   Camera* device = nullptr;
   const CameraSpec* spec = nullptr;
   std::vector<double> exposures;  // at least one; 0 = the device's default
-  double floor = 0;               // mean difference of two photos of the same light, binned
-  double pixel_floor = 0;         // the same of single pixels
-  Bins rest;                      // photo of the last settled pictures
 };
 
 // The photos of one camera of one frame that were missing; empty where all are stored.
@@ -44,7 +31,13 @@ class Capture {
  public:
   Capture(const Rig& rig, const Sequence& sequence, const Devices& devices, const fs::path& folder,
           const CaptureOptions& options, Progress& progress)
-      : rig_(rig), sequence_(sequence), devices_(devices), folder_(folder), options_(options), progress_(progress) {}
+      : rig_(rig),
+        sequence_(sequence),
+        devices_(devices),
+        folder_(folder),
+        options_(options),
+        progress_(progress),
+        judge_(rig, sequence) {}
 
   Result<void> find_devices();
   Result<void> load_stored();
@@ -54,9 +47,6 @@ class Capture {
   using Pictures = std::vector<Picture>;  // per projector of the sequence
 
   int frames() const { return static_cast<int>(sequence_.frames.size()); }
-  std::string frame_name(int f) const {
-    return fmt::format("frame {} ({})", sequence_.frames[f].index, sequence_.frames[f].role.name());
-  }
   fs::path photo_path(int f, const CameraSlot& camera, std::size_t e) const {
     const std::string exposure = camera.exposures.size() > 1 ? exposure_text(camera.exposures[e]) : "";
     return folder_ / "photos" / camera.spec->id / photo_name(sequence_.frames[f].index, exposure, ".tif");
@@ -72,27 +62,19 @@ class Capture {
   std::vector<std::vector<bool>> wanted(int f, bool all) const;
   Result<void> store(int f, const std::vector<Shot>& shots);
 
-  Result<std::vector<Bins>> settle(const Pictures& pictures);
+  Result<Views> settle(const Pictures& pictures);
   std::vector<std::vector<bool>> first_exposures() const;
   Result<void> measure_latency(const Pictures& pictures);
   int reference_frame() const;
   Result<void> start();
-  Result<void> check_unmoved(int f, const std::vector<Bins>& now);
   Result<void> take_frame(int f);
-  Result<void> accept(int f, const std::vector<Image>& blocks, const std::vector<Bins>& now,
-                      const std::vector<Shot>& shots, int attempt);
+  Result<void> accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
+                      int attempt);
   Result<void> retake(int f);
-  Result<bool> answers(const std::vector<Image>& blocks, const Pictures& pictures, const std::vector<Bins>& now);
+  Result<bool> answers(const std::vector<Image>& blocks, const Pictures& pictures, const Views& now);
 
-  double noise(std::size_t c, const Bins& light) const;
-  std::optional<double> response(std::size_t c, const std::string& projector) const;
-  bool any_change(const std::vector<Bins>& now) const;
-  std::string stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const;
-  Bins pixels_of(const Image& stored, std::size_t c) const;
   Result<Bins> stored_pixels(int f, std::size_t c) const;
-  Result<std::string> wrong_pair(int f, const std::vector<Shot>& shots) const;
-  std::string repeats(int f, const std::vector<Shot>& shots) const;
-  std::vector<Bins> bins_of(int f, const std::vector<Shot>& shots) const;
+  Views bins_of(int f, const std::vector<Shot>& shots) const;
 
   const Rig& rig_;
   const Sequence& sequence_;
@@ -102,13 +84,10 @@ class Capture {
   Progress& progress_;
   std::vector<CameraSlot> cameras_;
   std::vector<Projector*> projectors_;
-  std::vector<std::vector<std::vector<bool>>> have_;    // [frame][camera][exposure]
-  std::vector<std::vector<std::optional<Bins>>> kept_;  // [frame][camera]
-  std::vector<std::array<int, 3>> size_;                // per camera: width, height, channels; 0 = not known yet
-  std::vector<Image> shown_;                            // blocks of the pictures of the last accepted photo
-  int shows_ = 1;                                       // how often a picture is shown before its photo
-  std::vector<Bins> former_;                            // that photo, per camera
-  std::vector<Bins> former_pixels_;                     // the same in single pixels, where the next frame needs it
+  std::vector<std::vector<std::vector<bool>>> have_;  // [frame][camera][exposure]
+  std::vector<std::array<int, 3>> size_;              // per camera: width, height, channels; 0 = not known yet
+  int shows_ = 1;                                     // how often a picture is shown before its photo
+  FrameJudge judge_;
 };
 
 Result<void> Capture::find_devices() {
@@ -163,12 +142,11 @@ Result<void> Capture::load_photo(int f, std::size_t c, std::size_t e) {
                  "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong", path.string(),
                  size[0], size[1], size_[c][0], size_[c][1]);
   have_[f][c][e] = true;
-  if (e == 0) kept_[f][c] = bin_photo(values, read->full_scale, *cameras_[c].spec);
+  if (e == 0) judge_.keep(f, c, bin_photo(values, read->full_scale, *cameras_[c].spec));
   return {};
 }
 
 Result<void> Capture::load_stored() {
-  kept_.assign(frames(), std::vector<std::optional<Bins>>(cameras_.size()));
   for (int f = 0; f < frames(); ++f) {
     have_.emplace_back();
     for (const CameraSlot& camera : cameras_) have_[f].emplace_back(camera.exposures.size(), false);
@@ -204,12 +182,6 @@ Capture::Pictures Capture::plain_pictures(std::uint16_t value) const {
   Pictures pictures;
   for (const auto& [id, size] : sequence_.projectors) pictures.emplace_back(size[0], size[1], 3, value);
   return pictures;
-}
-
-std::vector<Image> blocks_of(const std::vector<Picture>& pictures) {
-  std::vector<Image> blocks;
-  for (const Picture& picture : pictures) blocks.push_back(block_light(picture));
-  return blocks;
 }
 
 Result<void> Capture::show(const Pictures& pictures, double wait_ms) {
@@ -261,7 +233,7 @@ Result<void> Capture::store(int f, const std::vector<Shot>& shots) {
       CS_TRY_VOID(write_stored16(photo_path(f, cameras_[c], e), photo));
       size_[c] = {photo.width(), photo.height(), photo.channels()};
       have_[f][c][e] = true;
-      if (e == 0) kept_[f][c] = shots[c].bins;
+      if (e == 0) judge_.keep(f, c, shots[c].bins);
     }
   if (options_.stored && complete(f)) options_.stored(sequence_.frames[f].index);
   return {};
@@ -274,12 +246,11 @@ Result<void> Capture::measure_latency(const Pictures& pictures) {
   for (int shows = 1; shows <= options_.retakes + 1; ++shows) {
     CS_TRY_VOID(show(pictures, (shows - 1) * options_.retake_wait_ms));
     CS_TRY(const std::vector<Shot> shots, photograph(first_exposures()));
-    std::vector<Bins> now;
+    Views now;
     for (const Shot& shot : shots) now.push_back(shot.bins);
-    if (!any_change(now)) continue;
+    if (!judge_.any_change(now)) continue;
     shows_ = shows;
-    shown_ = blocks_of(pictures);
-    former_ = now;
+    judge_.saw({blocks_of(pictures), now});
     if (shows > 1)
       progress_.note(
           fmt::format("the display or the camera is late: each picture is shown {} times before its photo", shows));
@@ -302,20 +273,17 @@ std::vector<std::vector<bool>> Capture::first_exposures() const {
 }
 
 // Shows often enough that no latency of up to `retakes` shows is left, then photographs twice.
-Result<std::vector<Bins>> Capture::settle(const Pictures& pictures) {
+Result<Views> Capture::settle(const Pictures& pictures) {
   for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
   CS_TRY(const std::vector<Shot> one, photograph(first_exposures()));
   CS_TRY(const std::vector<Shot> two, photograph(first_exposures()));
-  std::vector<Bins> bins;
+  Views bins;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    CameraSlot& camera = cameras_[c];
-    camera.floor = std::max(camera.floor, mean_difference(one[c].bins, two[c].bins));
-    camera.pixel_floor =
-        std::max(camera.pixel_floor, mean_difference(pixels_of(one[c].stored[0], c), pixels_of(two[c].stored[0], c)));
+    judge_.learn_noise(c, one[c].bins, two[c].bins, judge_.pixels_of(one[c].stored[0], c),
+                       judge_.pixels_of(two[c].stored[0], c));
     bins.push_back(two[c].bins);
   }
-  shown_ = blocks_of(pictures);
-  former_ = bins;
+  judge_.saw({blocks_of(pictures), bins});
   return bins;
 }
 
@@ -327,7 +295,7 @@ int Capture::reference_frame() const {
   for (int f = 0; f < frames(); ++f) {
     if (!complete(f)) continue;
     double sum = 0;
-    for (const auto& bins : kept_[f]) sum += mean_light(*bins);
+    for (std::size_t c = 0; c < cameras_.size(); ++c) sum += mean_light(*judge_.kept(f, c));
     light.emplace_back(f, sum);
     brightest = std::max(brightest, sum);
   }
@@ -337,150 +305,33 @@ int Capture::reference_frame() const {
   return reference;
 }
 
-Result<void> Capture::check_unmoved(int f, const std::vector<Bins>& now) {
-  for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const auto [difference, brightening] = change_of_view(now[c], *kept_[f][c]);
-    const double noise = cameras_[c].floor / std::max(1e-6, mean_light(now[c]));
-    const double allowed = kMoved + 4 * noise;
-    if (difference > allowed || std::abs(brightening) > kBrightened)
-      return error(ErrorCode::kRefused,
-                   "camera '{}' sees {} differently than when it was stored: {:.1f} % of its light changed place "
-                   "(allowed {:.1f} %) and its brightness changed by {:.1f} % (allowed {:.0f} %). Camera, projector or "
-                   "room moved: put them back as they were, or capture a new session in another folder",
-                   cameras_[c].spec->id, frame_name(f), 100 * difference, 100 * allowed, 100 * brightening,
-                   100 * kBrightened);
-  }
-  return {};
-}
-
 Result<void> Capture::start() {
   const int reference = reference_frame();
   if (reference < 0) {
-    CS_TRY(const std::vector<Bins> rest, settle(plain_pictures(0)));
-    for (std::size_t c = 0; c < cameras_.size(); ++c) cameras_[c].rest = rest[c];
+    CS_TRY(Views dark, settle(plain_pictures(0)));
+    judge_.saw_dark(std::move(dark));
     return measure_latency(plain_pictures(65535));
   }
-  progress_.note(fmt::format("resuming: {} is photographed again and compared", frame_name(reference)));
+  progress_.note(fmt::format("resuming: {} is photographed again and compared", judge_.name_of(reference)));
   CS_TRY(const Pictures pictures, pictures_of(reference));
-  CS_TRY(const std::vector<Bins> now, settle(pictures));
-  CS_TRY_VOID(check_unmoved(reference, now));
+  CS_TRY(const Views now, settle(pictures));
+  if (const std::string why = judge_.moved(reference, now); !why.empty()) return error(ErrorCode::kRefused, "{}", why);
   return measure_latency(plain_pictures(0));  // the reference is not dark
 }
 
 // ---- is this the frame that was asked for? ----
 
-// Mean difference that noise makes between two photos of this light: the measured one, or the photon noise of bins of
-// 64 pixels that hold 2000 electrons each when full, a small sensor's.
-double Capture::noise(std::size_t c, const Bins& light) const {
-  return std::max(cameras_[c].floor, 0.0025 * std::sqrt(std::max(0.0, mean_light(light))));
-}
-
-// How much white of a projector changes the camera's bins against black; nothing where that is not photographed yet.
-std::optional<double> Capture::response(std::size_t c, const std::string& projector) const {
-  const Bins* white = nullptr;
-  const Bins* black = cameras_[c].rest.light.empty() ? nullptr : &cameras_[c].rest;
-  for (int f = 0; f < frames(); ++f) {
-    const Role& role = sequence_.frames[f].role;
-    const bool lit = role.projector == projector || (role.projector.empty() && projectors_.size() == 1);
-    if (role.kind == "white" && lit && kept_[f][c]) white = &*kept_[f][c];
-    if (role.kind == "black" && kept_[f][c]) black = &*kept_[f][c];
-  }
-  if (white == nullptr || black == nullptr) return std::nullopt;
-  return mean_difference(*white, *black);
-}
-
-// Whether a camera sees other light than in the former photo.
-bool Capture::any_change(const std::vector<Bins>& now) const {
-  for (std::size_t c = 0; c < cameras_.size(); ++c)
-    if (mean_difference(now[c], former_[c]) > 4 * noise(c, former_[c]) + 0.0005)  // of full scale: too little to decode
-      return true;
-  return false;
-}
-
-// Why the photos cannot be of the pictures with these blocks; empty when they can.
-std::string Capture::stale(const std::vector<Image>& blocks, const std::vector<Bins>& now) const {
-  double unknown = 0;  // change of projectors whose light no camera has been seen to answer yet
-  std::vector<double> predicted(cameras_.size()), whole(cameras_.size());
-  for (std::size_t p = 0; p < blocks.size(); ++p) {
-    for (std::size_t c = 0; c < cameras_.size(); ++c) {
-      const double change = block_change(shown_[p], blocks[p], now[c].colour.channels());
-      const auto answer = response(c, sequence_.projectors[p].first);
-      if (!answer) unknown = std::max(unknown, change);
-      predicted[c] += change * answer.value_or(0);
-      whole[c] = std::max(whole[c], answer.value_or(0));
-    }
-  }
-  for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const double change = mean_difference(now[c], former_[c]), floor = noise(c, former_[c]);
-    if (unknown < kPredictable && predicted[c] > kPredictable * whole[c] && predicted[c] > 10 * floor &&
-        predicted[c] > 0.001 && change < kShownChange * predicted[c] + 2 * floor)
-      return fmt::format(
-          "camera '{}' still shows the former frame (its light changed by {:.3f} % of full scale, expected "
-          "about {:.2f} %)",
-          cameras_[c].spec->id, 100 * change, 100 * predicted[c]);
-  }
-  if (unknown > 0.3 && !any_change(now)) return "no camera sees any change of the projected light";
-  return "";
-}
-
-Bins Capture::pixels_of(const Image& stored, std::size_t c) const {
-  return bin_photo(stored, 65535, *cameras_[c].spec, 1);
-}
-
 // First exposure of a frame in single pixels, from its file; empty where that is not stored.
 Result<Bins> Capture::stored_pixels(int f, std::size_t c) const {
   if (!have_[f][c][0]) return Bins();
   CS_TRY(const StoredImage photo, read_image(photo_path(f, cameras_[c], 0)));
-  return pixels_of(photo.values, c);
+  return judge_.pixels_of(photo.values, c);
 }
 
-// Why a frame and its inverse cannot both be right; empty when they can.
-Result<std::string> Capture::wrong_pair(int f, const std::vector<Shot>& shots) const {
-  const Companions with = companions(sequence_, f);
-  if (with.white < 0 || with.black < 0 || with.inverse < 0) return std::string();
-  for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    CS_TRY(const Bins white, stored_pixels(with.white, c));
-    CS_TRY(const Bins black, stored_pixels(with.black, c));
-    CS_TRY(const Bins inverse, stored_pixels(with.inverse, c));
-    if (shots[c].stored[0].empty() || white.light.empty() || black.light.empty() || inverse.light.empty()) continue;
-    const double swing = mean_difference(*kept_[with.white][c], *kept_[with.black][c]);
-    if (swing < 10 * noise(c, *kept_[with.white][c]) || swing < 0.001) continue;  // it does not see that projector
-    const PairLaw law = pair_law(white, black, inverse, pixels_of(shots[c].stored[0], c));
-    // Photon noise as in noise(), of single pixels. Four photos add up to 1.4 of it.
-    const double pixel_noise = std::max(cameras_[c].pixel_floor, kCoarse * 0.0025 * std::sqrt(mean_light(white)));
-    const double tolerance = kPairTolerance + 2 * pixel_noise / swing;
-    if (law.error > tolerance)
-      return fmt::format(
-          "camera '{}': it and {} do not add up to white + black ({:.0f} % of the light is wrong, allowed "
-          "{:.0f} %)",
-          cameras_[c].spec->id, frame_name(with.inverse), 100 * law.error, 100 * tolerance);
-  }
-  return std::string();
-}
-
-// Why the photos of a sinusoid cannot be new ones; empty when they can. Its fringes are too fine for blocks to tell it
-// from the one before, but they move by a quarter of a period at least: single pixels change by about the swing of the
-// direct light, a twentieth of white - black even where most light is indirect.
-std::string Capture::repeats(int f, const std::vector<Shot>& shots) const {
-  if (sequence_.frames[f].role.kind != "phase" || former_pixels_.empty()) return "";
-  for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    const auto swing = response(c, sequence_.frames[f].role.projector);
-    if (!swing || shots[c].stored[0].empty() || former_pixels_[c].light.empty()) continue;
-    const double noise = std::max(cameras_[c].pixel_floor, kCoarse * 0.0025 * std::sqrt(mean_light(former_[c])));
-    const double change = mean_difference(pixels_of(shots[c].stored[0], c), former_pixels_[c]);
-    if (0.05 * *swing > 2 * noise && change < 0.05 * *swing + noise)
-      return fmt::format(
-          "camera '{}' still shows the former frame (its pixels changed by {:.3f} % of full scale, expected more than "
-          "{:.2f} %)",
-          cameras_[c].spec->id, 100 * change, 100 * (0.05 * *swing + noise));
-  }
-  return "";
-}
-
-std::vector<Bins> Capture::bins_of(int f, const std::vector<Shot>& shots) const {
-  std::vector<Bins> bins;
+Views Capture::bins_of(int f, const std::vector<Shot>& shots) const {
+  Views bins;
   for (std::size_t c = 0; c < cameras_.size(); ++c)
-    bins.push_back(shots[c].bins.light.empty() ? *kept_[f][c] : shots[c].bins);
+    bins.push_back(shots[c].bins.light.empty() ? *judge_.kept(f, c) : shots[c].bins);
   return bins;
 }
 
@@ -501,12 +352,13 @@ Result<void> Capture::take_frame(int f) {
   for (int attempt = 0, shows = shows_;; ++attempt) {
     for (int i = 0; i < shows; ++i) CS_TRY_VOID(show(pictures, (attempt + shows_ - 1) * options_.retake_wait_ms));
     CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
-    const std::vector<Bins> now = bins_of(f, shots);
-    std::string why = stale(blocks, now);
-    if (why.empty()) why = repeats(f, shots);
+    const Views now = bins_of(f, shots);
+    const auto pixels = [&](std::size_t c) { return judge_.pixels_of(shots[c].stored[0], c); };
+    std::string why = judge_.stale(blocks, now);
+    if (why.empty()) why = judge_.repeats(f, pixels);
     const bool is_stale = !why.empty();
     if (!is_stale) {
-      CS_TRY(why, wrong_pair(f, shots));
+      CS_TRY(why, judge_.wrong_pair(f, pixels, [this](int g, std::size_t c) { return stored_pixels(g, c); }));
     }
     if (why.empty()) return accept(f, blocks, now, shots, attempt);
     if (is_stale && attempt == options_.retakes) {
@@ -516,7 +368,7 @@ Result<void> Capture::take_frame(int f) {
             fmt::format("{}: no camera sees this picture change the light, though the projectors answer: its light "
                         "falls beside what "
                         "the cameras see",
-                        frame_name(f)));
+                        judge_.name_of(f)));
         return accept(f, blocks, now, shots, 0);
       }
     }
@@ -526,7 +378,7 @@ Result<void> Capture::take_frame(int f) {
                    "overlay), that its latency is below {} pictures, and that the camera's exposure is locked; what is "
                    "stored is kept, and the same command resumes",
                    why, attempt + 1, options_.retakes + 1);
-    progress_.note(fmt::format("{}: {}; taking it again", frame_name(f), why));
+    progress_.note(fmt::format("{}: {}; taking it again", judge_.name_of(f), why));
     if (attempt > 0 && !is_stale) CS_TRY_VOID(retake(companions(sequence_, f).inverse));
     shows = is_stale ? 1 : options_.retakes + 1;  // of a wrong pair nobody knows how late it is
   }
@@ -535,38 +387,35 @@ Result<void> Capture::take_frame(int f) {
 // Whether a frame that seems to be stale is not: every projector whose picture should have changed the light does
 // change it when it is inverted as a whole, and the frame's own light comes back. So its picture was there, where
 // nobody sees.
-Result<bool> Capture::answers(const std::vector<Image>& blocks, const Pictures& pictures,
-                              const std::vector<Bins>& now) {
-  const std::vector<Image> before = shown_;
-  const std::vector<Bins> former = former_;
+Result<bool> Capture::answers(const std::vector<Image>& blocks, const Pictures& pictures, const Views& now) {
+  const FrameJudge::Seen before = judge_.seen();
   bool all = true;
   for (std::size_t p = 0; p < blocks.size() && all; ++p) {
-    if (block_change(before[p], blocks[p], 3) < 0.5 * kPredictable) continue;
+    if (block_change(before.blocks[p], blocks[p], 3) < 0.5 * FrameJudge::kPredictable) continue;
     double mean = 0;
     for (float v : blocks[p].data()) mean += v / static_cast<double>(blocks[p].data().size());
     Pictures probe = pictures;
     probe[p] = Picture(pictures[p].width(), pictures[p].height(), 3, mean < 0.5 ? 65535 : 0);
-    CS_TRY(const std::vector<Bins> probed, settle(probe));
-    former_ = now;
-    all = any_change(probed);
+    CS_TRY(const Views probed, settle(probe));
+    judge_.saw({blocks, now});
+    all = judge_.any_change(probed);
   }
-  CS_TRY(const std::vector<Bins> again, settle(pictures));
-  former_ = now;
-  all = all && !any_change(again);
-  shown_ = before, former_ = former;
+  CS_TRY(const Views again, settle(pictures));
+  judge_.saw({blocks, now});
+  all = all && !judge_.any_change(again);
+  judge_.saw(before);
   return all;
 }
 
 // Stores a frame; when it came late, the next ones are shown as often before they are photographed.
-Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const std::vector<Bins>& now,
-                             const std::vector<Shot>& shots, int attempt) {
+Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
+                             int attempt) {
   CS_TRY_VOID(store(f, shots));
-  shown_ = blocks;
-  former_ = now;
-  former_pixels_.clear();
+  judge_.saw({blocks, now});
+  Views pixels;
   if (f + 1 < frames() && sequence_.frames[f + 1].role.kind == "phase")
-    for (std::size_t c = 0; c < cameras_.size(); ++c)
-      former_pixels_.push_back(shots[c].stored[0].empty() ? Bins() : pixels_of(shots[c].stored[0], c));
+    for (std::size_t c = 0; c < cameras_.size(); ++c) pixels.push_back(judge_.pixels_of(shots[c].stored[0], c));
+  judge_.saw_pixels(std::move(pixels));
   shows_ = std::min(shows_ + attempt, options_.retakes + 1);
   if (attempt > 0)
     progress_.note(
@@ -586,7 +435,8 @@ Result<void> Capture::take_missing() {
     if (complete(f)) continue;
     if (const auto taken = take_frame(f); !taken) {
       Error failure = taken.error();
-      if (failure.code == ErrorCode::kDevice) failure.message = fmt::format("{}: {}", frame_name(f), failure.message);
+      if (failure.code == ErrorCode::kDevice)
+        failure.message = fmt::format("{}: {}", judge_.name_of(f), failure.message);
       return failure;
     }
     progress_.step("capture", ++done, frames());
