@@ -21,6 +21,9 @@ Eigen::Vector2d prior_principal(const ProjectorSpec& spec) {
           (spec.resolution[1] - 1) / 2.0 - shift[1] * spec.resolution[1]};
 }
 
+// Of sizes that are fixed, 9 and 12, these take a minute to compile.
+using SymmetricSolver = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>;
+
 // Similarity that moves points to mean 0 and mean distance sqrt 2 (Hartley 1997).
 Eigen::Matrix3d normaliser(const std::vector<Eigen::Vector2d>& points) {
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
@@ -45,17 +48,17 @@ Eigen::Matrix3d fundamental(const Matches& matches) {
     ++counts[m.plane];
   }
   const Eigen::Matrix3d T = normaliser(rays), U = normaliser(pixels);
-  Eigen::Matrix<double, 9, 9> normal = Eigen::Matrix<double, 9, 9>::Zero();
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(9, 9);
   for (const Match& m : matches) {
     if (m.plane < 0) continue;
     const Eigen::Vector3d r = T * m.ray.homogeneous(), q = U * m.q.homogeneous();
-    Eigen::Matrix<double, 9, 1> row;
+    Eigen::VectorXd row(9);
     for (int i = 0; i < 3; ++i)
       for (int j = 0; j < 3; ++j) row[3 * i + j] = q[i] * r[j];
     normal += row * row.transpose() / counts[m.plane];
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 9, 9>> eigen(normal);
-  const Eigen::Matrix<double, 9, 1> f = eigen.eigenvectors().col(0);
+  const SymmetricSolver eigen(normal);
+  const Eigen::VectorXd f = eigen.eigenvectors().col(0);
   Eigen::Matrix3d F;
   F << f[0], f[1], f[2], f[3], f[4], f[5], f[6], f[7], f[8];
   Eigen::JacobiSVD<Eigen::Matrix3d> svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -177,7 +180,7 @@ std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vec
   T.topLeftCorner<3, 3>() /= spread;
   T.topRightCorner<3, 1>() = -mean / spread;
   const Eigen::Matrix3d U = normaliser(pixels);
-  Eigen::Matrix<double, 12, 12> normal = Eigen::Matrix<double, 12, 12>::Zero();
+  Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(12, 12);
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Eigen::Vector4d x = T * points[i].homogeneous();
     const Eigen::Vector3d q = U * pixels[i].homogeneous();
@@ -187,7 +190,7 @@ std::optional<Start> resect(const Matches& matches, const std::vector<Eigen::Vec
     rows.block<1, 4>(1, 8) = -q.y() * x.transpose();
     normal += rows.transpose() * rows;
   }
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<double, 12, 12>> eigen(normal);
+  const SymmetricSolver eigen(normal);
   if (!(eigen.eigenvalues()[1] > 1e-9 * eigen.eigenvalues()[11])) return std::nullopt;  // one plane only
   Eigen::Matrix<double, 3, 4> P =
       Eigen::Map<const Eigen::Matrix<double, 3, 4, Eigen::RowMajor>>(eigen.eigenvectors().col(0).data());
