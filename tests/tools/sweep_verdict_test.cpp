@@ -147,6 +147,9 @@ TEST(SweepVerdict, CountsWhatOnlyVerifyNoticed) {
 
 TEST(SweepVerdict, ASweepWithoutPointsProvesNothing) {
   EXPECT_FALSE(judge(std::vector<SweepPoint>(), kBounds).ok());
+  SweepPoint refused;
+  refused.refusal = "no";
+  EXPECT_FALSE(judge(std::vector<SweepPoint>(2, refused), kBounds).ok());
 }
 
 TEST(SweepTable, HasOneCellPerColumnAndADashForWhatIsUnknown) {

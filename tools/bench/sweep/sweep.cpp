@@ -253,10 +253,12 @@ Result<Study> run_sweep(const Sweep& sweep, bool quick, const StudyContext& cont
   const SweepVerdict verdict = judge(points, sweep.bounds);
   study.figure = text_of(verdict);
   const bool decoding = sweep.judged == Judged::kDecoding;
-  study.bound = decoding
-                    ? fmt::format("no silence beyond {} % wrong, below {:.0f} % accepted, or sigma {:.0f}x too small",
-                                  sweep.bounds.wrong_percent, sweep.bounds.accepted_percent, sweep.bounds.z)
-                    : fmt::format("no silence beyond {} % of white", sweep.bounds.residual_percent);
+  study.bound =
+      decoding
+          ? fmt::format(
+                "no silence beyond {} % wrong, below {:.0f} % accepted, or sigma {:.0f}x too small; not all refused",
+                sweep.bounds.wrong_percent, sweep.bounds.accepted_percent, sweep.bounds.z)
+          : fmt::format("no silence beyond {} % of white; not all refused", sweep.bounds.residual_percent);
   study.ok = verdict.ok();
   study.notes.push_back(fmt::format(
       "departs from the fixed conditions: the documentation's room with 1/{} of its camera's pixels in each "

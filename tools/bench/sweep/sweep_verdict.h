@@ -71,7 +71,8 @@ struct SweepVerdict {
   bool decoding = false;            // it is decoding that was judged
   int by_verify_alone = 0;          // of those who said so: nothing before verify complained
   double worst_silent_percent = 0;  // largest residual among the silent ones; of decoded ones: wrong pixels
-  bool ok() const { return points > 0 && silent == 0; }
+  // A regime that refuses everything has shown nothing.
+  bool ok() const { return refused < points && silent == 0; }
 };
 SweepVerdict judge(const std::vector<SweepPoint>& points, const SweepBounds& bounds);
 
