@@ -46,6 +46,16 @@ void add_micro_phase(const Role& axis, int length, bool more, std::vector<Role>&
     for (int step = 0; step < 2; ++step) add_wave(axis, period, step * std::numbers::pi / 2, roles);
 }
 
+// Three periods near the base's, whose beats with it are a period of the whole axis and the geometric mean of the two
+// (embedded phase shifting, Moreno et al. 2015).
+void add_embedded(const Role& axis, int length, std::vector<Role>& roles) {
+  constexpr double kBase = 16;
+  const double ratio = std::sqrt(length / kBase + 1);  // a turn more than the axis has
+  for (const double beat : {kBase * ratio, kBase * ratio * ratio})
+    for (int step = 0; step < 3; ++step)
+      add_wave(axis, 1 / (1 / kBase + 1 / beat), step * 2 * std::numbers::pi / 3, roles);
+}
+
 // Each period a fifth of the one before, as far as noise lets a phase of the longer count the turns of the shorter.
 void add_ladder(const Role& axis, int length, std::vector<Role>& roles) {
   constexpr double kShortest = 20;
@@ -65,6 +75,7 @@ const std::vector<std::pair<std::string, std::string>>& codes() {
       {"xor-04", "Gray code in exclusive or with its second finest bit, with inverse"},
       {"micro-phase", "sinusoids of 16 to 24 px that share offset and amplitude"},
       {"micro-phase-9", "the same with one more period, for weak light"},
+      {"embedded", "sinusoids of nearly one period, whose beats are long ones: a baseline"},
       {"phase", "four-step sinusoids of a ladder of periods"},
   };
   return kCodes;
@@ -100,6 +111,8 @@ Result<std::vector<Role>> code_roles(const std::string& code, const ProjectorSpe
       add_bits(axis, length, code == "xor-02" ? 0 : 1, roles);
     else if (code == "micro-phase" || code == "micro-phase-9")
       add_base(axis, roles), add_micro_phase(axis, length, code == "micro-phase-9", roles);
+    else if (code == "embedded")
+      add_base(axis, roles), add_embedded(axis, length, roles);
     else if (code == "phase")
       add_ladder(axis, length, roles);
   }

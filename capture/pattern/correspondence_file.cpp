@@ -8,10 +8,30 @@
 namespace countershade::capture {
 
 const std::map<int, std::string>& reason_names() {
-  static const std::map<int, std::string> kNames = {
-      {0, "accepted"}, {1, "dark"},    {2, "saturated"},           {3, "uncertain bit"},     {4, "inconsistent"},
-      {5, "isolated"}, {6, "no code"}, {7, "lit indirectly only"}, {8, "phase inconsistent"}};
+  static const std::map<int, std::string> kNames = {{0, "accepted"},
+                                                    {1, "dark"},
+                                                    {2, "saturated"},
+                                                    {3, "uncertain bit"},
+                                                    {4, "inconsistent"},
+                                                    {5, "isolated"},
+                                                    {6, "no code"},
+                                                    {7, "lit indirectly only"},
+                                                    {8, "phase inconsistent"},
+                                                    {9, "epipolar inconsistent"},
+                                                    {10, "mixed pixel"}};
   return kNames;
+}
+
+std::map<std::string, double> Correspondence::rejected() const {
+  std::array<std::size_t, 256> counts{};
+  for (const std::uint8_t why : reason.data()) ++counts[why];
+  std::map<std::string, double> shares;
+  for (const auto& [number, name] : reason_names()) {
+    const auto why = static_cast<Reason>(number);
+    const bool is_lit = why != Reason::kAccepted && why != Reason::kDark && why != Reason::kIndirect;
+    if (is_lit && counts[number] > 0) shares[name] = static_cast<double>(counts[number]) / static_cast<double>(lit);
+  }
+  return shares;
 }
 
 Result<void> write_correspondence(const std::filesystem::path& folder, const Correspondence& c) {
@@ -26,8 +46,9 @@ Result<void> write_correspondence(const std::filesystem::path& folder, const Cor
 
 Result<void> write_reason_picture(const std::filesystem::path& path, const Correspondence& c) {
   // Dark is black, indirect light dark grey; what should have decoded and did not is loud.
-  static constexpr float kColours[9][3] = {{0, 0, 0},     {0, 0, 0},     {255, 255, 255}, {255, 150, 0}, {255, 0, 60},
-                                           {255, 0, 255}, {120, 80, 40}, {45, 45, 50},    {0, 200, 255}};
+  static constexpr float kColours[11][3] = {{0, 0, 0},     {0, 0, 0},     {255, 255, 255}, {255, 150, 0},
+                                            {255, 0, 60},  {255, 0, 255}, {120, 80, 40},   {45, 45, 50},
+                                            {0, 200, 255}, {255, 255, 0}, {0, 255, 100}};
   Image picture(c.reason.width(), c.reason.height(), 3);
   for (std::size_t i = 0; i < picture.pixels(); ++i) {
     const int reason = c.reason.data()[i];

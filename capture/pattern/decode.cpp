@@ -12,6 +12,7 @@
 #include "capture/pattern/phase.h"
 #include "capture/pattern/plan.h"
 #include "capture/pattern/refine.h"
+#include "capture/pattern/reject.h"
 
 namespace countershade::capture {
 
@@ -234,6 +235,7 @@ Result<Correspondence> Decoder::finish() {
     if (s.plan.axis[a].exists()) axes[a] = &s.readings[a];
   join(s.judged, axes, c);
   if (c.accepted == 0) return nothing_decoded(c, s.levels);
+  name_mixed(c);
   return c;
 }
 

@@ -28,6 +28,8 @@ enum class Reason : std::uint8_t {
   kNoCode = 6,        // the sequence has no code of that axis for that projector
   kIndirect = 7,      // no fine stripe modulates it: this projector lights it only by way of other surfaces
   kPhase = 8,         // its sinusoids contradict each other: it sees two places at once, or something moved
+  kEpipolar = 9,      // once it is known where the devices stand: its code is not on the line that its ray projects to
+  kMixed = 10,        // it lies between two surfaces, and sees both
 };
 const std::map<int, std::string>& reason_names();
 
@@ -39,6 +41,8 @@ struct Correspondence {
   Image x, y, sigma;                  // (height, width, 1)
   Mask reason;                        // Reason, (height, width, 1)
   std::size_t lit = 0, accepted = 0;  // pixels that are neither dark nor lit indirectly only, and those decoded
+  // Share of the lit pixels that each reason has rejected, where it has any; by name.
+  std::map<std::string, double> rejected() const;
 };
 
 struct DecodeOptions {

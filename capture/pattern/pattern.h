@@ -30,6 +30,7 @@ const std::vector<std::pair<std::string, std::string>>& codes();
 //   micro-phase          three shifts of a period of 16 px, two in quadrature of two (three beyond 2048 px) others
 //                        below 27 px: 7 (9) frames per axis (band and shared unknowns: Gupta & Nayar 2012)
 //   micro-phase-9        always three others
+//   embedded             three shifts of 16 px and of two periods whose beats with it unwrap it (Moreno et al. 2015)
 //   phase                four shifts each of a ladder of periods, from the length of the axis down to 20 px
 // Sinusoids are made for a projector of exponent 2.2 (shown_exponent 1 / 2.2). Errors: kBadValue names the nearest
 // code.

@@ -53,7 +53,7 @@ Result<Problem> segment(const Device& camera, const std::vector<ProjectorObserva
       return error(
           ErrorCode::kRefused,
           "projector '{}': {} camera pixels carry both a column and a row, at least 200 are needed for geometry; "
-          "look at the reasons picture of its correspondences, and check exposure and focus",
+          "check exposure and focus",
           observations[q].spec.id, matches.size());
     const int most = options.planes > 0 ? options.planes : 6;
     const auto maps =

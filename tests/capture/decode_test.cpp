@@ -341,16 +341,17 @@ TEST(WriteReasonPicture, GivesEachReasonItsColour) {
   fake::Scratch scratch("reasons");
   Correspondence c;
   c.projector_resolution = {100, 80};
-  c.x = Image(8, 1, 1, 50.0f), c.y = Image(8, 1, 1, 20.0f), c.sigma = Image(8, 1, 1, 0.1f);
-  c.reason = Mask(8, 1, 1);
-  for (int i = 0; i < 8; ++i) c.reason.at(i, 0) = static_cast<std::uint8_t>(i);
+  const int reasons = static_cast<int>(reason_names().size());
+  c.x = Image(reasons, 1, 1, 50.0f), c.y = Image(reasons, 1, 1, 20.0f), c.sigma = Image(reasons, 1, 1, 0.1f);
+  c.reason = Mask(reasons, 1, 1);
+  for (int i = 0; i < reasons; ++i) c.reason.at(i, 0) = static_cast<std::uint8_t>(i);
   ASSERT_TRUE(write_reason_picture(scratch / "reasons.png", c));
   const auto picture = read_image(scratch / "reasons.png");
   ASSERT_TRUE(picture);
   std::set<std::array<float, 3>> colours;
-  for (int i = 0; i < 8; ++i)
+  for (int i = 0; i < reasons; ++i)
     colours.insert({picture->values.at(i, 0, 0), picture->values.at(i, 0, 1), picture->values.at(i, 0, 2)});
-  EXPECT_EQ(colours.size(), 8u);
+  EXPECT_EQ(colours.size(), reason_names().size());
 }
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include "capture/diagnose/held_out.h"
 #include "capture/pattern/decode.h"
 #include "capture/pattern/pattern.h"
+#include "capture/pattern/reject.h"
 #include "solver/compensate/compensate.h"
 #include "solver/fit/photometric_fit.h"
 #include "solver/transport/form_factor.h"
@@ -48,16 +49,27 @@ Result<Correspondence> decode_and_diagnose(const Session& session, const CameraS
   return c;
 }
 
+// Once nothing more is rejected: files, pictures, and what the summary says of them.
+Result<void> keep_decoded(const std::vector<Correspondence>& all, const fs::path& folder, CalibrationSummary& summary) {
+  for (std::size_t q = 0; q < all.size(); ++q) {
+    const Correspondence& c = all[q];
+    CS_TRY_VOID(capture::write_correspondence(folder, c));
+    CS_TRY_VOID(capture::write_reason_picture(folder / (c.camera + "-" + c.projector + "-reasons.png"), c));
+    summary.decoded[q].accepted = c.lit ? static_cast<double>(c.accepted) / static_cast<double>(c.lit) : 0;
+    summary.decoded[q].rejected = c.rejected();
+  }
+  return {};
+}
+
 // findings (out): all sentences that say what is wrong with the photos.
-Result<std::vector<Correspondence>> decode_all(const Session& session, const CameraSpec& camera, const fs::path& folder,
+Result<std::vector<Correspondence>> decode_all(const Session& session, const CameraSpec& camera,
                                                const CalibrateOptions& options, CalibrationSummary& summary,
                                                std::vector<std::string>& findings, Progress& progress) {
   std::vector<Correspondence> all;
   for (const auto& [id, resolution] : session.sequence().projectors) {
     CS_TRY(Correspondence c, decode_and_diagnose(session, camera, id, options, all.empty(), findings, progress));
-    CS_TRY_VOID(capture::write_correspondence(folder, c));
-    CS_TRY_VOID(capture::write_reason_picture(folder / (camera.id + "-" + id + "-reasons.png"), c));
-    summary.decoded.push_back({id, c.lit ? static_cast<double>(c.accepted) / c.lit : 0, c.lit, 0, 0});
+    summary.decoded.emplace_back();
+    summary.decoded.back().projector = id, summary.decoded.back().lit = c.lit;
     all.push_back(std::move(c));
   }
   const capture::PhotoSource photos = [&](int index) { return session.photo(camera.id, index); };
@@ -95,6 +107,16 @@ Error after_findings(const Error& e, const std::vector<std::string>& findings) {
   if (findings.empty()) return e;
   return error(e.code, "The photos do not fit their sequence: {} So this could not be done: {}",
                fmt::join(findings, " "), e.message);
+}
+
+// Of what could not be placed: what became of its pixels.
+Error with_rejections(const Error& e, const std::vector<Correspondence>& decoded) {
+  std::string text;
+  for (const Correspondence& c : decoded)
+    text += fmt::format(" Projector '{}': of {} lit pixels {:.1f} % are decoded; {}.", c.projector, c.lit,
+                        100.0 * static_cast<double>(c.accepted) / static_cast<double>(std::max<std::size_t>(1, c.lit)),
+                        c.rejected().empty() ? "none is rejected" : rejected_text(c.rejected()));
+  return error(e.code, "{}{}", e.message, text);
 }
 
 // Square patches: 32 along the longest side of any chart; charts that share a crease share the count along it.
@@ -299,7 +321,8 @@ json summary_json(const CalibrationSummary& s) {
                        {"lit_pixels", d.lit},
                        {"accepted_share", d.accepted},
                        {"judged_pixels", d.judged},
-                       {"wrong_share", d.wrong}});
+                       {"wrong_share", d.wrong},
+                       {"rejected_share", d.rejected}});
   return {{"format_version", kFormat},
           {"decoded", decoded},
           {"has_geometry", s.has_geometry},
@@ -321,7 +344,7 @@ CalibrationSummary summary_from(const json& j) {
   CalibrationSummary s;
   for (const json& d : j.at("decoded"))
     s.decoded.push_back({d.at("projector"), d.at("accepted_share"), d.at("lit_pixels"), d.value("judged_pixels", 0ul),
-                         d.value("wrong_share", 0.0)});
+                         d.value("wrong_share", 0.0), d.value("rejected_share", std::map<std::string, double>())});
   s.has_geometry = j.at("has_geometry");
   s.has_model = j.at("has_model");
   s.reprojection_px = j.at("reprojection_rms_px").get<std::vector<double>>();
@@ -363,9 +386,9 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
     return error(ErrorCode::kIo, "cannot create '{}': {}", (folder / "correspondence").string(), code.message());
   CS_TRY_VOID(write_atomically(folder / "rig.toml", canonical_rig_text(without_paths(rig, camera.id))));
   std::vector<std::string> findings;
-  CS_TRY(const std::vector<Correspondence> decoded,
-         decode_all(session, camera, folder / "correspondence", options, summary, findings, progress));
+  CS_TRY(std::vector<Correspondence> decoded, decode_all(session, camera, options, summary, findings, progress));
   if (camera.model.empty()) {
+    CS_TRY_VOID(keep_decoded(decoded, folder / "correspondence", summary));
     summary.notes.push_back(fmt::format(
         "camera '{}' has no lens model ([[camera]] model = a .cameramodel): no geometry, no light model", camera.id));
     return {};
@@ -383,8 +406,19 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   solver::GeometryOptions geometry_options;
   geometry_options.planes = rig.screen.planes;
   const auto fitted = solver::fit_geometry(lens, observations, rig.screen, geometry_options, progress);
-  if (!fitted) return after_findings(fitted.error(), findings);
+  if (!fitted) return after_findings(with_rejections(fitted.error(), decoded), findings);
   const solver::GeometryFit& geometry = *fitted;
+  for (std::size_t q = 0; q < decoded.size(); ++q) {
+    const std::size_t before = decoded[q].accepted;
+    const std::size_t off = capture::reject_off_epipolar(lens, geometry.projectors[q].device, decoded[q]);
+    if (static_cast<double>(off) > kMostWrong * static_cast<double>(before))
+      summary.notes.push_back(fmt::format(
+          "projector '{}': {:.2f} % of its codes lie where no point of space explains them (bound {:.2f} %; epipolar "
+          "geometry): they are rejected; something shiny, or something that moved, or a code that does not suit the "
+          "room; look at its reasons picture",
+          decoded[q].projector, 100 * static_cast<double>(off) / static_cast<double>(before), 100 * kMostWrong));
+  }
+  CS_TRY_VOID(keep_decoded(decoded, folder / "correspondence", summary));
   summary.has_geometry = true;
   summary.notes.insert(summary.notes.end(), geometry.notes.begin(), geometry.notes.end());
   for (const auto& p : geometry.projectors) summary.reprojection_px.push_back(p.rms_px);
@@ -410,6 +444,16 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
 }
 
 }  // namespace
+
+std::string rejected_text(const std::map<std::string, double>& rejected) {
+  std::vector<std::pair<double, std::string>> most;
+  for (const auto& [name, share] : rejected) most.emplace_back(-share, name);
+  std::sort(most.begin(), most.end());
+  std::string text;
+  for (const auto& [share, name] : most)
+    text += fmt::format("{}{} {:.2f} %", text.empty() ? "" : ", ", name, -100 * share);
+  return text;
+}
 
 const CameraSpec& camera_to_use(const Rig& rig) {
   for (const CameraSpec& c : rig.cameras)

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <string>
 #include <vector>
 
@@ -28,7 +29,11 @@ struct DecodeSummary {
   std::size_t lit = 0;
   std::size_t judged = 0;  // accepted pixels that the photometric block patterns, which decoding does not see, judge
   double wrong = 0;        // share of wrong codes among them (capture/diagnose/held_out.h)
+  std::map<std::string, double> rejected;  // by reason: share of the lit pixels
 };
+
+// "phase inconsistent .12 %, mixed pixel .03 %", the most frequent first; empty where nothing was rejected.
+std::string rejected_text(const std::map<std::string, double>& rejected);
 
 struct CalibrationSummary {
   std::vector<DecodeSummary> decoded;

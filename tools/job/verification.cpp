@@ -38,6 +38,8 @@ Table calibration_table(const CalibrationSummary& s) {
         {"decoded by " + d.projector,
          fmt::format("{:.2f} % of {} lit pixels{}", 100 * d.accepted, d.lit,
                      d.judged ? fmt::format("; {:.3f} % wrong by held-out patterns", 100 * d.wrong) : "")});
+  for (const DecodeSummary& d : s.decoded)
+    if (!d.rejected.empty()) t.rows.push_back({"rejected of " + d.projector, rejected_text(d.rejected)});
   for (std::size_t q = 0; q < s.reprojection_px.size(); ++q)
     t.rows.push_back({"reprojection of " + s.decoded[q].projector, fmt::format("{:.3f} px rms", s.reprojection_px[q])});
   for (std::size_t i = 0; i < s.crease_angle_deg.size(); ++i)
@@ -143,7 +145,9 @@ Result<Verification> report_verification(const Calibration& calibration,
       report.exhibits.push_back(
           {"projector " + d.projector +
                ": decoded (gradient), uncertain (orange), inconsistent (red), isolated (magenta), "
-               "contradicting sinusoids (blue), saturated (white)",
+               "contradicting sinusoids (blue), between two surfaces (green), off its epipolar line (yellow), "
+               "saturated "
+               "(white)",
            png});
   }
   report.notes = summary.notes;
