@@ -18,16 +18,12 @@ void add_glare(Image& light, double share);  // of each channel's mean
 // are pedestal + electrons / full_well * (full_scale - pedestal), encoded by the camera's response, rounded and clipped
 // to 0..full_scale = 2^bits - 1. Noise depends on `key`, pixel and channel alone. Hot pixels, at places that depend on
 // `sensor` alone, have .05 to 1 of full scale more light per reference exposure. Under a Bayer filter each pixel
-// measures one colour, and the stored numbers are interpolated by demosaiced().
+// measures one colour, and the stored numbers are interpolated by demosaiced() (calib/image).
 capture::Exposure expose(const Image& light, const SimulatedCamera& camera, const CameraSpec& spec, double exposure_ms,
                          std::uint64_t key, std::uint64_t sensor = 0);
 
 // The exposure time that a camera with `auto_exposure` takes instead of the one asked for: the geometric mean, weighted
 // by its strength, of that and of the time which brings the photo's mean to 18 % of full scale.
 double adapted_exposure_ms(const Image& light, const SimulatedCamera& camera, double exposure_ms);
-
-// Bilinear: what a pixel did not measure is the mean of those of its 8 neighbours that did (the photo mirrored at its
-// rim), rounded. mosaic: (height, width, 1); pattern: colours of its first 2 x 2 pixels, row by row. Returns (.., 3).
-Image demosaiced(const Image& mosaic, const std::string& pattern);
 
 }  // namespace countershade::simdata

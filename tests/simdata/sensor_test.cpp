@@ -12,6 +12,7 @@ extern "C" {
 #include <set>
 
 #include "calib/base/random.h"
+#include "calib/image/demosaic.h"
 #include "simdata/device/device_lens.h"
 #include "tests/simdata/small_room.h"
 #include "tests/support/cli.h"

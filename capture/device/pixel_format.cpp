@@ -1,0 +1,109 @@
+#include "capture/device/pixel_format.h"
+
+#include <algorithm>
+
+#include "calib/image/demosaic.h"
+
+namespace countershade::capture {
+
+namespace {
+
+std::vector<PixelFormat> all_formats() {
+  std::vector<PixelFormat> formats = {
+      {"Mono16", 0x01100007, 16, Packing::kWords},      {"Mono14", 0x01100025, 14, Packing::kWords},
+      {"Mono12", 0x01100005, 12, Packing::kWords},      {"Mono12p", 0x010C0047, 12, Packing::kBits},
+      {"Mono12Packed", 0x010C0006, 12, Packing::kOldPacked}, {"Mono10", 0x01100003, 10, Packing::kWords},
+      {"Mono10p", 0x010A0046, 10, Packing::kBits},      {"Mono10Packed", 0x010C0004, 10, Packing::kOldPacked},
+      {"Mono8", 0x01080001, 8, Packing::kBytes},
+  };
+  struct Bayer {
+    const char *letters, *colours;
+    std::uint32_t code16, code12, code10, code8;
+  };
+  static constexpr Bayer kBayer[4] = {{"GR", "GRBG", 0x0110002E, 0x01100010, 0x0110000C, 0x01080008},
+                                      {"RG", "RGGB", 0x0110002F, 0x01100011, 0x0110000D, 0x01080009},
+                                      {"GB", "GBRG", 0x01100030, 0x01100012, 0x0110000E, 0x0108000A},
+                                      {"BG", "BGGR", 0x01100031, 0x01100013, 0x0110000F, 0x0108000B}};
+  for (const int bits : {16, 12, 10, 8})
+    for (const Bayer& b : kBayer)
+      formats.push_back({fmt::format("Bayer{}{}", b.letters, bits),
+                         bits == 16   ? b.code16
+                         : bits == 12 ? b.code12
+                         : bits == 10 ? b.code10
+                                      : b.code8,
+                         bits, bits == 8 ? Packing::kBytes : Packing::kWords, b.colours});
+  formats.push_back({"RGB8", 0x02180014, 8, Packing::kBytes, "RGB"});
+  return formats;
+}
+
+// Value number i of `bits` bits.
+std::uint32_t value_at(const PixelFormat& format, const std::uint8_t* bytes, std::size_t i) {
+  switch (format.packing) {
+    case Packing::kBytes: return bytes[i];
+    case Packing::kWords: return (bytes[2 * i] | bytes[2 * i + 1] << 8) & ((1u << format.bits) - 1);
+    case Packing::kBits: {
+      const std::size_t bit = i * format.bits, at = bit / 8;
+      const int shift = static_cast<int>(bit % 8);
+      return ((bytes[at] | bytes[at + 1] << 8) >> shift) & ((1u << format.bits) - 1);
+    }
+    case Packing::kOldPacked: {
+      const std::uint8_t* three = bytes + i / 2 * 3;
+      const int low = format.bits - 8;
+      const std::uint32_t high = three[i % 2 ? 2 : 0], rest = three[1] >> (i % 2 ? 4 : 0);
+      return high << low | (rest & ((1u << low) - 1));
+    }
+  }
+  return 0;
+}
+
+}  // namespace
+
+std::size_t PixelFormat::bytes(int width, int height) const {
+  const std::size_t values = static_cast<std::size_t>(width) * height * (colours == "RGB" ? 3 : 1);
+  switch (packing) {
+    case Packing::kBytes: return values;
+    case Packing::kWords: return 2 * values;
+    case Packing::kBits: return (values * bits + 7) / 8;
+    case Packing::kOldPacked: return (values + 1) / 2 * 3;
+  }
+  return 0;
+}
+
+const std::vector<PixelFormat>& pixel_formats() {
+  static const std::vector<PixelFormat> kFormats = all_formats();
+  return kFormats;
+}
+
+std::optional<PixelFormat> pixel_format(std::uint32_t code) {
+  for (const PixelFormat& f : pixel_formats())
+    if (f.code == code) return f;
+  return std::nullopt;
+}
+
+std::optional<PixelFormat> best_format(const std::vector<std::string>& offered) {
+  for (const PixelFormat& f : pixel_formats())
+    if (std::find(offered.begin(), offered.end(), f.name) != offered.end()) return f;
+  return std::nullopt;
+}
+
+Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes, int width, int height) {
+  if (width <= 0 || height <= 0 || bytes.size() < format.bytes(width, height))
+    return error(ErrorCode::kDevice, "a picture of {} x {} pixels in {} has {} bytes, {} came", width, height,
+                 format.name, width > 0 && height > 0 ? format.bytes(width, height) : 0, bytes.size());
+  const int channels = format.colours == "RGB" ? 3 : 1;
+  Image stored(width, height, channels);
+  // The last value of a packed picture may end in the last byte: what is read beyond it must exist.
+  std::vector<std::uint8_t> tail;
+  const auto* from = reinterpret_cast<const std::uint8_t*>(bytes.data());
+  if (format.packing == Packing::kBits) {
+    tail.assign(from, from + format.bytes(width, height));
+    tail.push_back(0);
+    from = tail.data();
+  }
+  for (std::size_t i = 0; i < stored.data().size(); ++i)
+    stored.data()[i] = static_cast<float>(value_at(format, from, i));
+  if (format.colours.empty() || format.colours == "RGB") return stored;
+  return demosaiced(stored, format.colours);
+}
+
+}  // namespace countershade::capture

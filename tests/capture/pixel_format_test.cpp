@@ -1,0 +1,122 @@
+#include "capture/device/pixel_format.h"
+
+#include <gmock/gmock.h>
+
+#include <set>
+
+#include "calib/base/random.h"
+
+namespace countershade::capture {
+namespace {
+
+using ::testing::HasSubstr;
+
+PixelFormat named(const std::string& name) {
+  return *best_format({name});
+}
+
+// Values of `bits` bits, as a sensor would give them.
+std::vector<std::uint32_t> some_values(int bits, std::size_t count) {
+  Random random(hash_name("pixel format") + bits);
+  std::vector<std::uint32_t> values;
+  for (std::size_t i = 0; i < count; ++i)
+    values.push_back(static_cast<std::uint32_t>(random.uniform() * (1u << bits)));
+  values[0] = 0, values[1] = (1u << bits) - 1;
+  return values;
+}
+
+// Packs bit by bit, as the convention describes it in words.
+std::vector<std::byte> packed(const PixelFormat& format, const std::vector<std::uint32_t>& values) {
+  std::vector<unsigned> bytes;
+  if (format.packing == Packing::kBits) {
+    bytes.resize((values.size() * format.bits + 7) / 8);
+    for (std::size_t i = 0; i < values.size(); ++i)
+      for (int b = 0; b < format.bits; ++b)
+        if (values[i] >> b & 1) bytes[(i * format.bits + b) / 8] |= 1u << (i * format.bits + b) % 8;
+  } else if (format.packing == Packing::kOldPacked) {
+    const int low = format.bits - 8;
+    const unsigned mask = (1u << low) - 1;
+    for (std::size_t i = 0; i < values.size(); i += 2) {
+      const std::uint32_t a = values[i], b = i + 1 < values.size() ? values[i + 1] : 0;
+      bytes.push_back(a >> low), bytes.push_back((a & mask) | (b & mask) << 4), bytes.push_back(b >> low);
+    }
+  } else {
+    for (const std::uint32_t v : values) {
+      bytes.push_back(v & 255);
+      if (format.packing == Packing::kWords) bytes.push_back(v >> 8);
+    }
+  }
+  std::vector<std::byte> result;
+  for (const unsigned b : bytes) result.push_back(static_cast<std::byte>(b));
+  return result;
+}
+
+TEST(PixelFormat, EveryGreyOneIsReadBack) {
+  for (const PixelFormat& f : pixel_formats()) {
+    if (!f.colours.empty()) continue;
+    const auto values = some_values(f.bits, 7 * 5);  // an odd number: the last pair is half empty
+    const auto bytes = packed(f, values);
+    EXPECT_EQ(bytes.size(), f.bytes(7, 5)) << f.name;
+    const auto image = unpack(f, bytes, 7, 5);
+    ASSERT_TRUE(image) << image.error().message;
+    EXPECT_EQ(f.full_scale(), (1 << f.bits) - 1);
+    for (std::size_t i = 0; i < values.size(); ++i) EXPECT_EQ(image->data()[i], values[i]) << f.name << " " << i;
+  }
+}
+
+TEST(PixelFormat, AMosaicHasItsColoursWhereItsNameSays) {
+  for (const char* name : {"BayerRG8", "BayerGR12", "BayerGB16", "BayerBG10"}) {
+    const PixelFormat f = named(name);
+    const auto full = static_cast<std::uint32_t>(f.full_scale());
+    for (const char colour : {'R', 'G', 'B'}) {
+      std::vector<std::uint32_t> values;  // light of one colour alone
+      for (int y = 0; y < 6; ++y)
+        for (int x = 0; x < 8; ++x) values.push_back(f.colours[(y % 2) * 2 + x % 2] == colour ? full : 0);
+      const auto image = unpack(f, packed(f, values), 8, 6);
+      ASSERT_TRUE(image) << image.error().message;
+      ASSERT_EQ(image->channels(), 3);
+      for (int c = 0; c < 3; ++c) EXPECT_EQ(image->at(3, 3, c), "RGB"[c] == colour ? full : 0) << name << colour << c;
+    }
+    EXPECT_EQ(f.name.substr(5, 2), f.colours.substr(0, 2));
+  }
+}
+
+TEST(PixelFormat, ColourHasThreeBytesPerPixel) {
+  const PixelFormat f = named("RGB8");
+  const auto image = unpack(f, packed(f, {1, 2, 3, 4, 5, 6}), 2, 1);
+  ASSERT_TRUE(image);
+  EXPECT_EQ(image->at(1, 0, 0), 4);
+  EXPECT_EQ(image->at(1, 0, 2), 6);
+}
+
+TEST(PixelFormat, TheBestForMeasuringIsTakenFirst) {
+  EXPECT_EQ(best_format({"Mono8", "Mono12Packed", "Mono12", "BayerRG16"})->name, "Mono12");
+  EXPECT_EQ(best_format({"RGB8", "BayerBG8", "BayerBG12"})->name, "BayerBG12");
+  EXPECT_EQ(best_format({"YUV422Packed"}), std::nullopt);
+  std::set<std::uint32_t> codes;
+  for (const PixelFormat& f : pixel_formats()) {
+    codes.insert(f.code);
+    EXPECT_EQ(pixel_format(f.code)->name, f.name);
+    // Bits per pixel as it travels stand in the code.
+    const int travelling = f.packing == Packing::kBytes   ? f.colours == "RGB" ? 24 : 8
+                           : f.packing == Packing::kWords ? 16
+                           : f.packing == Packing::kBits  ? f.bits
+                                                          : 12;
+    EXPECT_EQ((f.code >> 16) & 0xff, static_cast<unsigned>(travelling)) << f.name;
+  }
+  EXPECT_EQ(codes.size(), pixel_formats().size());
+}
+
+TEST(PixelFormat, TooFewBytesAreNamed) {
+  for (const PixelFormat& f : pixel_formats()) {
+    const std::vector<std::byte> bytes(f.bytes(9, 4) - 1);
+    const auto image = unpack(f, bytes, 9, 4);
+    ASSERT_FALSE(image) << f.name;
+    EXPECT_THAT(image.error().message, HasSubstr(fmt::format("has {} bytes, {} came", f.bytes(9, 4), bytes.size())));
+  }
+  EXPECT_FALSE(unpack(named("Mono8"), {}, 0, 4));
+  EXPECT_FALSE(unpack(named("Mono8"), {}, -1, 4));
+}
+
+}  // namespace
+}  // namespace countershade::capture
