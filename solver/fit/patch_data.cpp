@@ -85,6 +85,20 @@ void grow(Image& chart, Image& weight, int rings) {
   }
 }
 
+// Gives each channel of a chart, whose channels are all the primaries' mean, its own share, patch by patch; patches
+// that no light was measured on take the surface's.
+void share_out(const Radiosity& mix, const Patches& patches, int surface, int cells, Image& chart) {
+  Eigen::RowVector3f all = Eigen::RowVector3f::Zero();
+  for (int i = 0; i < patches.count(surface); ++i) all += mix.row(patches.offset(surface) + i);
+  if (!(all.sum() > 0)) return;
+  for (int y = 0; y < chart.height(); ++y)
+    for (int x = 0; x < chart.width(); ++x) {
+      const Eigen::RowVector3f own = mix.row(patches.index(surface, x / cells, y / cells));
+      const Eigen::RowVector3f& shares = own.sum() > 0 ? own : all;
+      for (int c = 0; c < 3; ++c) chart.at(x, y, c) *= 3 * shares[c] / shares.sum();
+    }
+}
+
 }  // namespace
 
 PixelGeometry pixel_geometry(const Device& camera, const GeometryFit& geometry, const Patches& patches) {
@@ -146,9 +160,13 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
 }
 
 std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, int q, const Photo& white,
-                               const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches) {
+                               const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches,
+                               const Radiosity& mix) {
   const Radiosity difference = white_patches.m - black_patches.m;
-  const Radiosity indirect = receiver_gain(model).cwiseProduct(Radiosity(model.G * difference));
+  Radiosity gain = receiver_gain(model);
+  const bool grey = mix.rows() > 0;
+  if (grey) gain.colwise() = gain.rowwise().mean().eval();
+  const Radiosity indirect = gain.cwiseProduct(Radiosity(model.G * difference));
   const double swing = 1 - model.projectors[q].response.black_level;
   const Lens& lens = model.projectors[q].device.lens;
   std::vector<Image> charts, weights, shade;
@@ -183,6 +201,7 @@ std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, 
       for (int c = 0; c < 3; ++c)
         charts[s].data()[3 * i + c] =
             weights[s].data()[i] > 0 ? std::max(0.0f, charts[s].data()[3 * i + c] / weights[s].data()[i]) : 0.0f;
+    if (grey) share_out(mix, model.patches, static_cast<int>(s), model.gain_factor, charts[s]);
     grow(charts[s], weights[s], model.gain_factor);
   }
   return charts;

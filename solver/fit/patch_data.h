@@ -32,7 +32,10 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
 // Direct gain of projector q on every surface, at the cells of Model::gain_factor, from photos of it alone at full
 // white and of black: (white - black) less the indirect light that k and G predict for the difference. Cells without a
 // pixel take their nearest neighbours' within a patch, else 0.
+// Of photos with one channel, which show the mean of the primaries: `mix` (P, 3) is the direct gain of each patch, by
+// whose ratios the primaries share what is seen; empty for photos in colour.
 std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, int q, const Photo& white,
-                               const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches);
+                               const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches,
+                               const Radiosity& mix = {});
 
 }  // namespace countershade::solver

@@ -254,7 +254,7 @@ std::vector<double> held_out_errors(const Eigen::MatrixXf& F, const PhotometricD
     for (int i = 0; i < B.rows(); ++i)
       for (int c = 0; c < 3; ++c)
         if (std::isfinite(frame.sigma(i, c)) && data.seen[i] > 0)
-          errors.push_back(std::abs(B(i, c) - frame.m(i, c)) / data.white);
+          errors.push_back(std::abs((data.grey ? B.row(i).mean() : B(i, c)) - frame.m(i, c)) / data.white);
   }
   return errors;
 }
@@ -381,6 +381,17 @@ Result<PlainFit> fit_frames(const Eigen::MatrixXf& F, const Patches& patches, co
 }
 
 }  // namespace
+
+PatchFrame one_primary(const PatchFrame& frame, const PatchFrame& black) {
+  PatchFrame as = frame;
+  for (int i = 0; i < as.m.rows(); ++i)
+    for (int c = 0; c < 3; ++c) {
+      as.m(i, c) = 3 * frame.m(i, c) - 2 * black.m(i, c);
+      as.sigma(i, c) = std::hypot(3 * frame.sigma(i, c), 2 * black.sigma(i, c));
+    }
+  for (int c = 0; c < 3; ++c) as.mean[c] = 3 * frame.mean[c] - 2 * black.mean[c];
+  return as;
+}
 
 std::vector<PatchFrame> without_veil(std::vector<PatchFrame> frames, double share) {
   if (share == 0) return frames;

@@ -27,6 +27,7 @@ struct PhotometricData {
   std::vector<PatchFrame> held_out;  // frames to predict
   Eigen::VectorXf seen;              // (P): camera pixels per patch; 0 = unseen
   double white = 1;                  // W, for the held-out error [camera units]
+  bool grey = false;                 // held-out frames are those of one_primary(): all channels hold their mean
 };
 
 struct PhotometricFit {
@@ -44,6 +45,10 @@ struct PhotometricFit {
 struct PhotometricOptions {
   double robust_sigma = 4;  // Huber (1964) threshold in sigma
 };
+
+// What a camera without colours sees of one primary, as the reading of a camera with them, whose mean it would give:
+// three times the frame's light beyond that of the black frame, and that. Only the primary's channel is right.
+PatchFrame one_primary(const PatchFrame& frame, const PatchFrame& black);
 
 // The same frames less a veil.
 std::vector<PatchFrame> without_veil(std::vector<PatchFrame> frames, double share);

@@ -161,6 +161,24 @@ Result<std::vector<Image>> lights_of(const Role& role, const solver::Model& mode
   return lights;
 }
 
+// Of a camera that sees no colours: frames of one primary tell about that one, of the others only black tells about
+// each.
+void tell_primaries_apart(const std::vector<const Frame*>& frames, int black_frame,
+                          std::vector<solver::PatchFrame>& fitted) {
+  if (black_frame < 0) return;
+  const auto is_one = [](const Frame* f) {
+    return (f->role.kind == "blocks" || f->role.kind == "primary") && f->role.channel.size() == 1;
+  };
+  if (std::none_of(frames.begin(), frames.end(), is_one)) return;
+  const solver::PatchFrame black = fitted[black_frame];
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    if (is_one(frames[i]))
+      fitted[i] = solver::one_primary(fitted[i], black);
+    else if (static_cast<int>(i) != black_frame)
+      fitted[i].channels = {false, false, false};
+  }
+}
+
 struct Photometry {
   solver::PhotometricData data;
   std::vector<int> white_frame;  // per projector: position in `fitted`
@@ -185,6 +203,7 @@ Result<Photometry> reduce_photos(const Session& session, const std::string& came
       noise = estimate_noise(std::span(&photo, 1));
       noise.read = std::max(noise.read, rounding_sigma(std::span(&photo, 1)));
     }
+    result.data.grey = photo.value.channels() == 1;
     CS_TRY(const std::vector<Image> lights, lights_of(role, model));
     solver::PatchFrame frame = solver::reduce_frame(pixels, model.patches.size(), photo, noise, lights);
     frame.channels = channels_of(role);
@@ -201,6 +220,7 @@ Result<Photometry> reduce_photos(const Session& session, const std::string& came
     result.data.frames.push_back(std::move(frame));
   }
   progress.step("photometric frames", frames.size(), frames.size());
+  if (result.data.grey) tell_primaries_apart(result.fitted, result.black_frame, result.data.frames);
   return result;
 }
 
@@ -263,6 +283,12 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
   CS_TRY(Photometry photometry, reduce_photos(session, camera, pixels, model, progress));
   double white = 1e-9;
   for (const solver::PatchFrame& frame : photometry.data.frames) white = std::max<double>(white, frame.m.maxCoeff());
+  if (photometry.data.grey)
+    summary.notes.push_back(
+        fmt::format("camera '{}' sees no colours: gains of the primaries come from photos of one primary each, and "
+                    "what verify sees "
+                    "is their sum",
+                    camera));
   photometry.data.white = white;
   CS_TRY(solver::PhotometricFit fit, solver::fit_photometry(model.F, model.patches, photometry.data, {}, progress));
   const std::vector<solver::PatchFrame> frames = solver::without_veil(photometry.data.frames, fit.veil);
@@ -278,7 +304,8 @@ Result<void> fit_light(const Session& session, const std::string& camera, const 
     CS_TRY(Photo black_photo, session.photo(camera, photometry.fitted[b]->index));
     for (Photo* photo : {&white_photo, &black_photo}) take_out_veil(photo->value, fit.veil);
     model.projectors[q].gain =
-        solver::gain_charts(pixels, model, static_cast<int>(q), white_photo, black_photo, frames[w], frames[b]);
+        solver::gain_charts(pixels, model, static_cast<int>(q), white_photo, black_photo, frames[w], frames[b],
+                            photometry.data.grey ? fit.a[q] : solver::Radiosity());
   }
   model.white = reference_white(model);
   summary.chi2 = fit.chi2;
