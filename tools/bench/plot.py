@@ -174,7 +174,7 @@ CODES = {"gray": "C0", "xor-02": "C4", "xor-04": "C2", "micro-phase": "C3", "mic
 def decode_economy(rows, axes):
     """Error against the number of patterns: bias filled, random error open, one point per code, room and exponent."""
     for code, colour in CODES.items():
-        chosen = [r for r in rows if r["code"] == code]
+        chosen = [r for r in rows if r["code"] == code and number(r["albedo"]) > 0.5]
         for column, filled in [("bias px", True), ("random px", False)]:
             axes.plot([int(r["patterns"]) for r in chosen], [number(r[column]) for r in chosen], "o", color=colour, mfc=colour if filled else "none", label=code if filled and chosen else None)
     axes.axhline(0.02, color="0.4", lw=0.8)
