@@ -284,7 +284,8 @@ Result<std::vector<Monitor>> list_monitors() {
 }
 
 Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, int width, int height,
-                                                         const std::string& monitor, const std::string& title) {
+                                                         const std::string& monitor, const std::string& title,
+                                                         int left) {
   CS_TRY_VOID(connect());
   GLFWmonitor* place = nullptr;
   if (!monitor.empty()) {
@@ -300,7 +301,7 @@ Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, 
                  "projector '{}': no window with OpenGL could be opened ({}): check the display's driver", id,
                  glfw_reason());
   auto projector = std::make_unique<WindowProjector>(id, width, height, window);
-  if (place == nullptr) glfwSetWindowPos(window, 0, 0);
+  if (place == nullptr) glfwSetWindowPos(window, left, 0);
   if (place != nullptr) glfwSetInputMode(window, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
   CS_TRY_VOID(projector->prepare());
   return std::unique_ptr<Projector>(std::move(projector));

@@ -14,11 +14,13 @@ struct Monitor {
 // Monitors of the running display. Error: kDevice when there is no display to connect to.
 Result<std::vector<Monitor>> list_monitors();
 
-// Full screen on the monitor of that name; an empty name opens a window called `title` at the screen's origin.
+// Full screen on the monitor of that name; an empty name opens a window called `title`, `left` pixels from the screen's
+// origin.
 // A picture is shown with its values rounded to 8 bits, one value per pixel, without scaling, dither or colour
 // management of ours. All calls come from the thread that opened it, the main thread.
 // Errors: kDevice: no display, no such monitor (names those there are), or its mode is not width x height.
 Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, int width, int height,
-                                                         const std::string& monitor, const std::string& title);
+                                                         const std::string& monitor, const std::string& title,
+                                                         int left = 0);
 
 }  // namespace countershade::capture

@@ -70,8 +70,10 @@ bool may_be_mixed(std::uint8_t reason) {
     case Reason::kUncertainBit:
     case Reason::kInconsistent:
     case Reason::kIsolated:
-    case Reason::kPhase: return true;
-    default: return false;
+    case Reason::kPhase:
+      return true;
+    default:
+      return false;
   }
 }
 
@@ -97,8 +99,8 @@ std::size_t reject_off_epipolar(const Device& camera, const Device& projector, C
     for (int u = 0; u < width; ++u) {
       if (!accepted(c, u, v)) continue;
       const Eigen::Vector2d q(c.x.at(u, v), c.y.at(u, v));
-      const Eigen::Vector3d line =
-          baseline.cross(projector_from_camera.rotation * camera.lens.unproject({static_cast<double>(u), static_cast<double>(v)}));
+      const Eigen::Vector3d line = baseline.cross(
+          projector_from_camera.rotation * camera.lens.unproject({static_cast<double>(u), static_cast<double>(v)}));
       const Eigen::Vector3d ray = projector.lens.unproject(q);
       // The nearest direction of the plane that the line is of; its pixel is where the code should be.
       const double length = line.norm();

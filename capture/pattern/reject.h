@@ -13,10 +13,10 @@ namespace countershade::capture {
 // surfaces meet but slopes differ, can explain).
 void name_mixed(Correspondence& c);
 
-// Accepted pixels that no point of space explains become kEpipolar, NaN, and are no longer counted as accepted: a camera
-// pixel's ray is a line in the projector's picture, and a wrong code has no reason to lie on it. Allowed is 1.5 px, or six
-// times the scatter of all pixels (what the devices' models do not know), or five sigma. Both devices are in one
-// frame; `camera` has the size of the maps. Codes of one axis say nothing here. Gives how many were rejected.
+// Accepted pixels that no point of space explains become kEpipolar, NaN, and are no longer counted as accepted: a
+// camera pixel's ray is a line in the projector's picture, and a wrong code has no reason to lie on it. Allowed is 1.5
+// px, or six times the scatter of all pixels (what the devices' models do not know), or five sigma. Both devices are in
+// one frame; `camera` has the size of the maps. Codes of one axis say nothing here. Gives how many were rejected.
 std::size_t reject_off_epipolar(const Device& camera, const Device& projector, Correspondence& c);
 
 }  // namespace countershade::capture

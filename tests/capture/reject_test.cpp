@@ -158,8 +158,9 @@ TEST(RejectOffEpipolar, FindsWhatNoPointOfSpaceExplains) {
     EXPECT_EQ(c.reason.at(u, v), static_cast<std::uint8_t>(Reason::kEpipolar));
     EXPECT_TRUE(std::isnan(c.x.at(u, v)) && std::isnan(c.y.at(u, v)) && std::isnan(c.sigma.at(u, v)));
   }
-  EXPECT_THAT(c.rejected(), testing::ElementsAre(testing::Pair("epipolar inconsistent", testing::DoubleNear(
-                                                     static_cast<double>(planted.size()) / c.lit, 1e-12))));
+  EXPECT_THAT(c.rejected(),
+              testing::ElementsAre(testing::Pair(
+                  "epipolar inconsistent", testing::DoubleNear(static_cast<double>(planted.size()) / c.lit, 1e-12))));
 }
 
 TEST(RejectOffEpipolar, AllowsWhatAllPixelsAreOffAndWhatSigmaSays) {

@@ -10,9 +10,11 @@
 
 #include "calib/base/check.h"
 #include "calib/image/image_file.h"
+#include "capture/device/aravis.h"
 #include "capture/device/folder.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
+#include "tests/end_to_end/gige_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {
@@ -23,12 +25,14 @@ using ::testing::HasSubstr;
 
 // A rig that is plugged in: two projectors, one camera that sees what both show.
 struct Bench {
+  std::shared_ptr<testing::GigeCamera> gige;  // is unplugged last: who talks to it waits for answers
+  std::function<void()> unplug;               // takes the camera away; none where it cannot go
   Rig rig;
   capture::Devices devices;
   std::function<void()> before_trigger = [] {};  // what a person does between the picture and the photo
-  std::function<void()> unplug;                  // takes the camera away; none where it cannot go
   bool obeys_exposure = true;                    // exposure times change the photos
   std::shared_ptr<testing::TemporaryFolder> folder;
+  std::string missing;  // why this machine cannot try it
 };
 
 simdata::RigAndRoom small_room() {
@@ -83,15 +87,49 @@ Bench folders() {
   return bench;
 }
 
+// A GigE Vision camera on a network of this process: real packets through Aravis; what it sees is the simulated room.
+Bench gige() {
+  Bench bench;
+  if (!capture::has_aravis()) {
+    bench.missing = "built without Aravis";
+    return bench;
+  }
+  const auto optics =
+      std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));  // made after: threads
+  if (bench.missing = testing::enter_private_network(); !bench.missing.empty()) return bench;
+  bench.rig = small_room().rig;
+  bench.devices.projectors = std::move(optics->projectors);
+  bench.devices.clock = optics->clock;
+  testing::GigeOptions options;
+  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
+  options.width = size[0], options.height = size[1], options.formats = {"Mono16"};
+  bench.gige = std::make_shared<testing::GigeCamera>(options, [optics](double exposure_ms) {
+    CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
+    const capture::Exposure e = optics->cameras[0]->trigger().value();
+    std::vector<std::uint16_t> values;
+    for (std::size_t i = 0; i < e.values.pixels(); ++i)
+      values.push_back(static_cast<std::uint16_t>(e.values.data()[i * e.values.channels()] / e.full_scale * 65535));
+    return values;
+  });
+  auto camera = capture::open_aravis_camera("camera", "", {.timeout_s = 1});
+  CS_CHECK(camera.has_value(), camera ? "" : camera.error().message);
+  bench.devices.cameras.push_back(std::move(*camera));
+  bench.unplug = [gige = bench.gige] { gige->unplug(); };
+  return bench;
+}
+
 struct Backend {
   const char* name;
   Bench (*plug_in)();
 };
-const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}};
+const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Gige", gige}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {
  protected:
-  void SetUp() override { bench_ = GetParam().plug_in(); }
+  void SetUp() override {
+    bench_ = GetParam().plug_in();
+    if (!bench_.missing.empty()) GTEST_SKIP() << GetParam().name << ": " << bench_.missing;
+  }
   capture::Camera& camera() { return *bench_.devices.cameras.at(0); }
   void show(int q, double value) {
     capture::Projector& p = *bench_.devices.projectors.at(q);

@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include "capture/device/aravis.h"
 #include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/devices.h"
@@ -43,8 +44,16 @@ Result<Answer> run_devices() {
   std::vector<Row> rows = {
       {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
       {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
-      {"aravis, v4l2, libcamera", "not in this version", "photograph by hand: countershade patterns and import"},
+      {"v4l2, libcamera", "not in this version", "photograph by hand: countershade patterns and import"},
   };
+  if (!capture::has_aravis()) rows.push_back({"aravis", "not built in", "install libaravis-dev and build again"});
+  const std::vector<capture::AravisCamera> cameras = capture::list_aravis_cameras();
+  if (capture::has_aravis() && cameras.empty())
+    rows.push_back({"aravis (GigE and USB3 Vision)", "no camera answers",
+                    "power, cable, same subnet, UDP port 3956 through the firewall; of USB a udev rule"});
+  for (const capture::AravisCamera& c : cameras)
+    rows.push_back({"camera " + c.name, c.protocol + " " + c.address,
+                    fmt::format("backend = \"aravis\", device = \"{}\" for a camera of the rig", c.device)});
   const auto monitors = capture::list_monitors();
   if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
   for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())

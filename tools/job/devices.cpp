@@ -4,17 +4,58 @@
 #include <cmath>
 
 #include "calib/photometry/response.h"
+#include "capture/device/aravis.h"
+#include "capture/device/window.h"
 
 namespace countershade::tools {
 
-Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
-                                 std::vector<simdata::Fault> faults, std::optional<int> samples) {
-  for (const CameraSpec& camera : rig.cameras)
-    if (camera.backend != "simulated")
+namespace {
+
+// Cameras that photograph what monitors of this computer show.
+Result<capture::Devices> open_real(const Rig& rig) {
+  capture::Devices devices;
+  for (const CameraSpec& camera : rig.cameras) {
+    if (camera.backend == "simulated")
+      return error(
+          ErrorCode::kBadValue,
+          "camera '{}' is simulated, another one of the rig is not: none would see the other's light; state one "
+          "backend",
+          camera.id);
+    if (camera.backend != "aravis")
       return error(ErrorCode::kDevice,
                    "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
                    "`countershade patterns` writes by hand and use `countershade import`",
                    camera.id, camera.backend);
+    CS_TRY(auto opened, capture::open_aravis_camera(camera.id, camera.device));
+    devices.cameras.push_back(std::move(opened));
+  }
+  int left = 0;  // of windows that have no monitor
+  for (const ProjectorSpec& p : rig.projectors) {
+    if (p.output != "window")
+      return error(
+          ErrorCode::kBadValue,
+          "projector '{}': output = \"{}\" lights nothing that camera '{}' could see; set output = \"window\" and "
+          "monitor as `countershade devices` lists it",
+          p.id, p.output, rig.cameras[0].id);
+    CS_TRY(auto opened, capture::open_window_projector(p.id, p.resolution[0], p.resolution[1], p.monitor,
+                                                       "countershade " + p.id, left));
+    if (p.monitor.empty()) left += p.resolution[0];
+    devices.projectors.push_back(std::move(opened));
+  }
+  return devices;
+}
+
+}  // namespace
+
+Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
+                                 std::vector<simdata::Fault> faults, std::optional<int> samples) {
+  const bool simulated =
+      std::all_of(rig.cameras.begin(), rig.cameras.end(), [](const CameraSpec& c) { return c.backend == "simulated"; });
+  if (!simulated) {
+    OpenDevices open;
+    CS_TRY(open.devices, open_real(rig));
+    return open;
+  }
   CS_TRY(Simulation simulation, read_simulation(simulation_file));
   simulation.samples = samples.value_or(simulation.samples);
   CS_TRY(std::shared_ptr<simdata::Simulator> simulator, simdata::Simulator::make(rig, simulation, progress));

@@ -1,0 +1,375 @@
+#include "capture/device/aravis.h"
+
+#ifdef COUNTERSHADE_ARAVIS
+#include <arv.h>
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <mutex>
+
+#include "calib/base/check.h"
+#include "capture/device/pixel_format.h"
+
+namespace countershade::capture {
+
+#ifndef COUNTERSHADE_ARAVIS
+
+bool has_aravis() {
+  return false;
+}
+std::vector<AravisCamera> list_aravis_cameras() {
+  return {};
+}
+Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const std::string&, const AravisOptions&) {
+  return error(ErrorCode::kUnsupported,
+               "camera '{}': this program was built without Aravis; install libaravis-dev and build again", id);
+}
+
+#else
+
+namespace {
+
+constexpr double kExposureTolerance = 0.01;  // what a camera may round an exposure by
+constexpr unsigned kSmallPacket = 1400;      // bytes: what every network lets through
+constexpr int kBuffers = 4;
+
+// A call of Aravis that may fail.
+class Failure {
+ public:
+  ~Failure() { g_clear_error(&error_); }
+  Failure() = default;
+  Failure(const Failure&) = delete;
+  Failure& operator=(const Failure&) = delete;
+  GError** out() {
+    g_clear_error(&error_);
+    return &error_;
+  }
+  explicit operator bool() const { return error_ != nullptr; }
+  std::string text() const { return error_ ? error_->message : "failed"; }
+
+ private:
+  GError* error_ = nullptr;
+};
+
+struct Unref {
+  void operator()(void* object) const { g_object_unref(object); }
+};
+template <class T>
+using Owned = std::unique_ptr<T, Unref>;
+
+std::string or_empty(const char* text) {
+  return text ? text : "";
+}
+
+std::mutex& system_mutex() {  // Aravis' list of devices is one for the whole process
+  static std::mutex mutex;
+  return mutex;
+}
+
+class OpenCamera final : public Camera {
+ public:
+  OpenCamera(std::string id, Owned<ArvCamera> camera, const AravisOptions& options)
+      : id_(std::move(id)), options_(options), camera_(std::move(camera)) {}
+  ~OpenCamera() override { stop(); }
+
+  const std::string& id() const override { return id_; }
+  Result<void> set_up();
+  Result<void> arm(double exposure_ms) override;
+  Result<Exposure> trigger() override;
+
+ private:
+  Error failed(const std::string& what, const Failure& failure) const {
+    return error(ErrorCode::kDevice, "camera '{}': {}: {}", id_, what, failure.text());
+  }
+  bool has(const char* feature) const {
+    Failure failure;
+    return arv_camera_is_feature_available(camera_.get(), feature, failure.out()) && !failure;
+  }
+  // Sets an automatic to Off, where there is one.
+  Result<void> switch_off(const char* feature);
+  Result<void> choose_format();
+  Result<void> negotiate_packets();
+  Result<void> start();
+  void stop();
+  Result<std::optional<Exposure>> take_whole();
+  Result<Exposure> read_out(ArvBuffer* buffer);
+  Error is_gone(const Failure& failure);
+
+  std::string id_;
+  AravisOptions options_;
+  Owned<ArvCamera> camera_;
+  Owned<ArvStream> stream_;
+  PixelFormat format_;
+  double exposure_ms_ = 0;
+  bool armed_ = false, came_ = false, gone_ = false;  // came: the latest photo, if not whole
+  std::uint64_t photos_ = 0, last_frame_ = 0;
+  bool any_frame_ = false;
+};
+
+Result<void> OpenCamera::switch_off(const char* feature) {
+  if (!has(feature)) return {};
+  Failure failure;
+  arv_camera_set_string(camera_.get(), feature, "Off", failure.out());
+  if (failure) return failed(fmt::format("{} cannot be switched off", feature), failure);
+  const std::string now = or_empty(arv_camera_get_string(camera_.get(), feature, failure.out()));
+  if (failure || now != "Off")
+    return error(ErrorCode::kDevice, "camera '{}': {} was set to Off and reads back {}; switch it off by the maker's tool",
+                 id_, feature, now.empty() ? "nothing" : now);
+  return {};
+}
+
+Result<void> OpenCamera::choose_format() {
+  Failure failure;
+  guint count = 0;
+  const std::unique_ptr<const char*, decltype(&g_free)> names(
+      arv_camera_dup_available_pixel_formats_as_strings(camera_.get(), &count, failure.out()), &g_free);
+  if (failure) return failed("its pixel formats cannot be listed", failure);
+  const std::vector<std::string> offered(names.get(), names.get() + count);
+  const auto best = best_format(offered);
+  if (!best)
+    return error(ErrorCode::kUnsupported,
+                 "camera '{}' offers the pixel formats {}, of which this program reads none; it reads Mono8 to Mono16 "
+                 "(packed too), Bayer of 8 to 16 bits and RGB8",
+                 id_, fmt::join(offered, ", "));
+  arv_camera_set_pixel_format_from_string(camera_.get(), best->name.c_str(), failure.out());
+  if (failure) return failed("pixel format " + best->name, failure);
+  const std::string now = or_empty(arv_camera_get_pixel_format_as_string(camera_.get(), failure.out()));
+  if (failure || now != best->name)
+    return error(ErrorCode::kDevice, "camera '{}': pixel format {} was asked for, {} reads back", id_, best->name, now);
+  format_ = *best;
+  return {};
+}
+
+// The largest packets that come through; where the camera cannot try, those that every network takes.
+Result<void> OpenCamera::negotiate_packets() {
+  if (!arv_camera_is_gv_device(camera_.get())) return {};
+  Failure failure;
+  arv_camera_gv_auto_packet_size(camera_.get(), failure.out());
+  if (!failure) return {};
+  arv_camera_gv_set_packet_size(camera_.get(), kSmallPacket, failure.out());
+  if (failure) return failed("packet size", failure);
+  return {};
+}
+
+Result<void> OpenCamera::set_up() {
+  arv_device_set_range_check_policy(arv_camera_get_device(camera_.get()), ARV_RANGE_CHECK_POLICY_ENABLE);
+  CS_TRY_VOID(choose_format());
+  for (const char* automatic : {"ExposureAuto", "GainAuto", "BalanceWhiteAuto", "BlackLevelAuto"})
+    CS_TRY_VOID(switch_off(automatic));
+  Failure failure;
+  if (has("GammaEnable")) arv_camera_set_boolean(camera_.get(), "GammaEnable", FALSE, failure.out());
+  if (failure) return failed("gamma cannot be switched off", failure);
+  if (has("Gamma") && !has("GammaEnable")) arv_camera_set_float(camera_.get(), "Gamma", 1, failure.out());
+  if (failure) return failed("gamma cannot be set to 1", failure);
+  CS_TRY_VOID(negotiate_packets());
+  arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, failure.out());
+  if (failure) return failed("acquisition mode", failure);
+  arv_camera_set_trigger(camera_.get(), "Software", failure.out());
+  if (failure) return failed("it cannot be triggered by software", failure);
+  return {};
+}
+
+Result<void> OpenCamera::start() {
+  Failure failure;
+  const guint payload = arv_camera_get_payload(camera_.get(), failure.out());
+  if (failure) return failed("size of a photo", failure);
+  stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, failure.out()));
+  if (!stream_ || failure)
+    return error(ErrorCode::kDevice,
+                 "camera '{}': no stream: {}. Does another program have it? One that crashed keeps it for some seconds: "
+                 "try again",
+                 id_, failure.text());
+  if (ARV_IS_GV_STREAM(stream_.get()))
+    g_object_set(stream_.get(), "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout", 20000u,
+                 "frame-retention", 100000u, nullptr);
+  for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new(payload, nullptr));
+  arv_camera_start_acquisition(camera_.get(), failure.out());
+  if (failure) return failed("it does not start", failure);
+  return {};
+}
+
+void OpenCamera::stop() {
+  if (!stream_) return;
+  if (!gone_) arv_camera_stop_acquisition(camera_.get(), nullptr);
+  stream_.reset();
+}
+
+Result<void> OpenCamera::arm(double exposure_ms) {
+  if (!(exposure_ms >= 0) || !std::isfinite(exposure_ms))
+    return error(ErrorCode::kBadValue, "camera '{}': an exposure of {} ms is none; give 0 (the camera's own) or more",
+                 id_, exposure_ms);
+  Failure failure;
+  if (exposure_ms > 0) {
+    double least = 0, most = HUGE_VAL;
+    arv_camera_get_exposure_time_bounds(camera_.get(), &least, &most, failure.out());
+    if (!failure && (1e3 * exposure_ms < least || 1e3 * exposure_ms > most))
+      return error(ErrorCode::kBadValue,
+                   "camera '{}': exposures_ms = {} is outside what it can do, {} to {} ms; correct the rig", id_,
+                   exposure_ms, least / 1e3, most / 1e3);
+    arv_camera_set_exposure_time(camera_.get(), 1e3 * exposure_ms, failure.out());
+    if (failure) return failed(fmt::format("an exposure of {} ms", exposure_ms), failure);
+  }
+  const double now = arv_camera_get_exposure_time(camera_.get(), failure.out()) / 1e3;
+  if (failure) return failed("its exposure cannot be read", failure);
+  if (exposure_ms > 0 && std::abs(now - exposure_ms) > kExposureTolerance * exposure_ms)
+    return error(ErrorCode::kDevice,
+                 "camera '{}': an exposure of {} ms was asked for, it reads back {} ms; write that into the rig", id_,
+                 exposure_ms, now);
+  exposure_ms_ = now;
+  if (!stream_) CS_TRY_VOID(start());
+  armed_ = true;
+  return {};
+}
+
+Error OpenCamera::is_gone(const Failure& failure) {
+  gone_ = true;
+  return error(ErrorCode::kDevice, "camera '{}' is gone ({}); is it plugged in and powered?", id_, failure.text());
+}
+
+Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer) {
+  std::size_t size = 0;
+  const void* data = arv_buffer_get_data(buffer, &size);
+  const auto format = pixel_format(arv_buffer_get_image_pixel_format(buffer));
+  if (!format || format->code != format_.code)
+    return error(ErrorCode::kDevice, "camera '{}': {} was set, a photo in {} came", id_, format_.name,
+                 format ? format->name : fmt::format("format {:#x}", arv_buffer_get_image_pixel_format(buffer)));
+  auto values = unpack(*format, {static_cast<const std::byte*>(data), size}, arv_buffer_get_image_width(buffer),
+                       arv_buffer_get_image_height(buffer));
+  if (!values) return error(ErrorCode::kDevice, "camera '{}': {}", id_, values.error().message);
+  Exposure exposure;
+  exposure.values = std::move(*values);
+  exposure.full_scale = format->full_scale();
+  exposure.exposure_ms = exposure_ms_;
+  exposure.timestamp_s = static_cast<double>(arv_buffer_get_timestamp(buffer)) * 1e-9;
+  exposure.counter = photos_++;
+  const int channels = exposure.values.channels();
+  std::size_t full = 0;
+  for (std::size_t i = 0; i < exposure.values.pixels(); ++i) {
+    const float* v = exposure.values.data().data() + i * channels;
+    full += std::any_of(v, v + channels, [&](float x) { return x >= exposure.full_scale; });
+  }
+  exposure.saturated = static_cast<double>(full) / static_cast<double>(exposure.values.pixels());
+  return exposure;
+}
+
+// One photo; none where it did not come, or parts of it were lost.
+Result<std::optional<Exposure>> OpenCamera::take_whole() {
+  while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) arv_stream_push_buffer(stream_.get(), old);
+  Failure failure;
+  arv_camera_software_trigger(camera_.get(), failure.out());
+  if (failure) return is_gone(failure);
+  const auto wait_us = static_cast<guint64>(1e6 * options_.timeout_s + 1e3 * exposure_ms_);
+  ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), wait_us);
+  came_ = buffer != nullptr;
+  if (!came_) {  // of a camera that sends nothing, only an answer to a question tells whether it is there
+    arv_camera_get_exposure_time(camera_.get(), failure.out());
+    if (failure) return is_gone(failure);
+    return std::optional<Exposure>();
+  }
+  std::optional<Result<Exposure>> read;
+  const std::uint64_t frame = arv_buffer_get_frame_id(buffer);
+  const bool again = any_frame_ && frame == last_frame_;  // a frame that was given before is no photo of now
+  if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS && !again) {
+    read = read_out(buffer);
+    last_frame_ = frame, any_frame_ = true;
+  }
+  arv_stream_push_buffer(stream_.get(), buffer);
+  if (!read) return std::optional<Exposure>();
+  if (!*read) return read->error();
+  return std::optional<Exposure>(std::move(**read));
+}
+
+Result<Exposure> OpenCamera::trigger() {
+  CS_CHECK(armed_, "camera '" + id_ + "' is triggered before it is armed");
+  for (int i = 0; i < options_.tries; ++i) {
+    CS_TRY(std::optional<Exposure> whole, take_whole());
+    if (whole) return std::move(*whole);
+  }
+  if (!came_)
+    return error(ErrorCode::kDevice,
+                 "camera '{}' answers, but of {} triggers no photo came, each within {:.1f} s: a firewall that keeps its "
+                 "packets out, another network card that they go to, or a trigger mode that is not kept",
+                 id_, options_.tries, options_.timeout_s + exposure_ms_ / 1e3);
+  return error(ErrorCode::kDevice,
+               "camera '{}': parts of every photo were lost on the way, {} times: check cable and network card, or give "
+               "the network larger receive buffers (sysctl net.core.rmem_max)",
+               id_, options_.tries);
+}
+
+bool names(const AravisCamera& camera, const std::string& full_id, const std::string& device) {
+  return device == camera.device || device == camera.address || device == camera.name || device == full_id;
+}
+
+}  // namespace
+
+bool has_aravis() {
+  return true;
+}
+
+namespace {
+
+struct Listed {
+  AravisCamera camera;
+  std::string full_id;
+};
+std::vector<Listed> listed() {
+  arv_update_device_list();
+  std::vector<Listed> all;
+  for (unsigned i = 0; i < arv_get_n_devices(); ++i) {
+    const std::string serial = or_empty(arv_get_device_serial_nbr(i)), address = or_empty(arv_get_device_address(i));
+    all.push_back({{serial.empty() ? address : serial,
+                    or_empty(arv_get_device_vendor(i)) + " " + or_empty(arv_get_device_model(i)),
+                    or_empty(arv_get_device_protocol(i)), address},
+                   or_empty(arv_get_device_id(i))});
+  }
+  return all;
+}
+
+}  // namespace
+
+std::vector<AravisCamera> list_aravis_cameras() {
+  const std::lock_guard lock(system_mutex());
+  std::vector<AravisCamera> cameras;
+  for (Listed& l : listed()) cameras.push_back(std::move(l.camera));
+  return cameras;
+}
+
+Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const std::string& device,
+                                                   const AravisOptions& options) {
+  const std::lock_guard lock(system_mutex());
+  const std::vector<Listed> all = listed();
+  std::vector<const Listed*> matching;
+  std::string found;
+  for (const Listed& l : all) {
+    if (device.empty() || names(l.camera, l.full_id, device)) matching.push_back(&l);
+    found += fmt::format("{}'{}' ({}, {})", found.empty() ? "" : ", ", l.camera.device, l.camera.name, l.camera.address);
+  }
+  if (all.empty())
+    return error(ErrorCode::kDevice,
+                 "camera '{}': no GigE Vision or USB3 Vision camera answers. Is it powered and plugged in, in the same "
+                 "subnet as this computer's network card, and does the firewall let UDP port 3956 through? Of USB: may "
+                 "you read and write its device node (udev rule)?",
+                 id);
+  if (matching.empty())
+    return error(ErrorCode::kDevice, "camera '{}': no camera is called '{}'; those that answer are {}", id, device, found);
+  if (matching.size() > 1)
+    return error(ErrorCode::kDevice, "camera '{}': device = \"{}\" fits several cameras; name one of {}", id, device,
+                 found);
+  const Listed& l = *matching[0];
+  const std::string& name = l.camera.protocol == "GigEVision" ? l.camera.address : l.full_id;
+  Failure failure;
+  Owned<ArvCamera> camera(arv_camera_new(name.c_str(), failure.out()));
+  if (!camera || failure)
+    return error(ErrorCode::kDevice,
+                 "camera '{}': '{}' cannot be opened: {}. Does another program have it? One that crashed keeps it for "
+                 "some seconds: try again",
+                 id, l.camera.device, failure.text());
+  auto open = std::make_unique<OpenCamera>(id, std::move(camera), options);
+  CS_TRY_VOID(open->set_up());
+  return std::unique_ptr<Camera>(std::move(open));
+}
+
+#endif
+
+}  // namespace countershade::capture

@@ -1,0 +1,43 @@
+// GigE Vision and USB3 Vision cameras, through Aravis.
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "calib/base/result.h"
+#include "capture/device/device.h"
+
+namespace countershade::capture {
+
+// One that answered. `device` is what a rig names it by: any of serial, address and name will do, too.
+struct AravisCamera {
+  std::string device, name;  // serial number (address where it has none); "vendor model"
+  std::string protocol;      // "GigEVision" or "USB3Vision"
+  std::string address;       // IP address; of USB its id
+};
+
+// False where this program was built without Aravis.
+bool has_aravis();
+// Those that answer within a second; empty without Aravis.
+std::vector<AravisCamera> list_aravis_cameras();
+
+struct AravisOptions {
+  double timeout_s = 2;  // beyond the exposure, for one photo
+  int tries = 4;         // of a photo that was lost on the way, or parts of it
+};
+
+// Opens a camera by serial number, IP address or name; an empty `device` is the only one there is. GigE cameras are opened
+// by their address, since with two network cards one that is opened by name is found and sends nothing. The format with
+// the most grey values is chosen (pixel_format.h), packets are as large as the network lets through.
+//
+// arm() switches automatic exposure, gain, white balance and gamma off and reads back what it has set: an exposure outside
+// the camera's range is kBadValue (names the range), one that the camera changes by more than 1 % kDevice (names both).
+// trigger() drops photos of the past, asks for one, and returns it only if it is whole: one with holes, or that does not
+// come, is taken again, `tries` times in all. Errors of trigger(): kDevice: the camera is gone; no photo came (firewall, network card, trigger), or none
+// was whole (packet size, cable); its photo is not as large as it says.
+// Errors: kDevice: none found, several and none named (lists them), another program has it; kUnsupported without Aravis.
+Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const std::string& device,
+                                                   const AravisOptions& options = {});
+
+}  // namespace countershade::capture

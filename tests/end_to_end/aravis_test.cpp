@@ -1,0 +1,225 @@
+// GigE Vision through Aravis, with real packets, on a network of the test's own.
+#include "capture/device/aravis.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <chrono>
+
+#include "tests/end_to_end/gige_camera.h"
+
+namespace countershade {
+namespace {
+
+using capture::AravisOptions;
+using capture::Camera;
+using capture::open_aravis_camera;
+using testing::GigeCamera;
+using testing::GigeOptions;
+using ::testing::HasSubstr;
+
+std::uint16_t value_of(std::size_t i) {
+  return static_cast<std::uint16_t>(i * 2654435761u >> 7);
+}
+std::vector<std::uint16_t> pattern(const GigeOptions& options) {
+  std::vector<std::uint16_t> values(static_cast<std::size_t>(options.width) * options.height);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_of(i);
+  return values;
+}
+
+class Aravis : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!capture::has_aravis()) GTEST_SKIP() << "built without Aravis";
+    if (const std::string why = testing::enter_private_network(); !why.empty()) GTEST_SKIP() << why;
+  }
+  void plug_in(const GigeOptions& options = {}) {
+    camera_ = std::make_unique<GigeCamera>(options, [options](double) { return pattern(options); });
+  }
+  Result<std::unique_ptr<Camera>> open(const std::string& device = "") {
+    return open_aravis_camera("left eye", device, {.timeout_s = 0.5, .tries = 3});
+  }
+  std::unique_ptr<Camera> armed() {
+    auto opened = open();
+    EXPECT_TRUE(opened) << (opened ? "" : opened.error().message);
+    if (!opened) return nullptr;
+    const auto arm = (*opened)->arm(5);
+    EXPECT_TRUE(arm) << (arm ? "" : arm.error().message);
+    return std::move(*opened);
+  }
+  std::unique_ptr<GigeCamera> camera_;
+};
+
+TEST_F(Aravis, EveryPixelArrivesAsItWas) {
+  for (const auto& [formats, bits] : {std::pair(std::vector<std::string>{"Mono8"}, 8), {{"Mono8", "Mono12"}, 12},
+                                      {{"Mono16", "Mono12", "Mono8"}, 16}}) {
+    GigeOptions options;
+    options.width = 320, options.height = 200, options.formats = formats;
+    plug_in(options);
+    auto camera = armed();
+    ASSERT_NE(camera, nullptr);
+    for (int photo = 0; photo < 5; ++photo) {
+      const auto taken = camera->trigger();
+      ASSERT_TRUE(taken) << taken.error().message;
+      EXPECT_EQ(taken->counter, static_cast<std::uint64_t>(photo));
+      EXPECT_EQ(taken->full_scale, (1 << bits) - 1);
+      EXPECT_EQ(taken->exposure_ms, 5);
+      ASSERT_TRUE(taken->values.same_size(320, 200));
+      for (std::size_t i = 0; i < taken->values.data().size(); ++i)
+        ASSERT_EQ(taken->values.data()[i], value_of(i) >> (16 - bits)) << bits << " " << i;
+    }
+    EXPECT_EQ(camera_->photos(), 5);
+    camera.reset(), camera_.reset();
+  }
+}
+
+TEST_F(Aravis, IsFoundBySerialAddressAndName) {
+  plug_in();
+  const auto cameras = capture::list_aravis_cameras();
+  ASSERT_EQ(cameras.size(), 1u);
+  EXPECT_EQ(cameras[0].device, "ROOM1");
+  EXPECT_EQ(cameras[0].address, "127.0.0.1");
+  EXPECT_EQ(cameras[0].protocol, "GigEVision");
+  for (const char* name : {"", "ROOM1", "127.0.0.1", "Countershade RoomCamera"}) {
+    const auto opened = open(name);
+    EXPECT_TRUE(opened) << name << ": " << (opened ? "" : opened.error().message);
+  }
+  const auto none = open("ROOM2");
+  ASSERT_FALSE(none);
+  EXPECT_EQ(none.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(none.error().message, HasSubstr("no camera is called 'ROOM2'; those that answer are 'ROOM1'"));
+}
+
+TEST_F(Aravis, WithoutACameraItSaysWhatToLookAt) {
+  const auto opened = open();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(opened.error().message, HasSubstr("camera 'left eye': no GigE Vision or USB3 Vision camera answers"));
+}
+
+TEST_F(Aravis, LostPacketsAreAskedForAgain) {
+  GigeOptions options;
+  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 17;
+  plug_in(options);
+  const auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  for (int photo = 0; photo < 10; ++photo) {
+    const auto taken = camera->trigger();
+    ASSERT_TRUE(taken) << taken.error().message;
+    for (std::size_t i = 0; i < taken->values.data().size(); ++i) ASSERT_EQ(taken->values.data()[i], value_of(i)) << i;
+  }
+  EXPECT_GT(camera_->resent(), 0);
+}
+
+TEST_F(Aravis, PhotosWithHolesAreTakenAgainAndNeverGiven) {
+  // 131 packets a photo; every 200th is lost: two of three photos have a hole that nobody fills.
+  GigeOptions options;
+  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 200, options.deaf = true;
+  plug_in(options);
+  const auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  int whole = 0;
+  for (int photo = 0; photo < 6; ++photo) {
+    const auto taken = camera->trigger();
+    ASSERT_TRUE(taken) << taken.error().message;
+    for (std::size_t i = 0; i < taken->values.data().size(); ++i) ASSERT_EQ(taken->values.data()[i], value_of(i)) << i;
+    ++whole;
+  }
+  EXPECT_EQ(whole, 6);
+  EXPECT_GT(camera_->photos(), 6);
+}
+
+TEST_F(Aravis, WhereEveryPhotoHasHolesItSaysSo) {
+  GigeOptions options;
+  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 20, options.deaf = true;
+  plug_in(options);
+  const auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  const auto taken = camera->trigger();
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(taken.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(taken.error().message, HasSubstr("parts of every photo were lost on the way, 3 times"));
+}
+
+TEST_F(Aravis, ExposuresItCannotDoAreRefusedAndRoundedOnesAreNamed) {
+  GigeOptions options;
+  options.exposure_step_us = 3000;
+  plug_in(options);
+  auto opened = open();
+  ASSERT_TRUE(opened) << opened.error().message;
+  const auto beyond = (*opened)->arm(1500);
+  ASSERT_FALSE(beyond);
+  EXPECT_EQ(beyond.error().code, ErrorCode::kBadValue);
+  EXPECT_THAT(beyond.error().message, HasSubstr("exposures_ms = 1500 is outside what it can do, 0.01 to 1000 ms"));
+  const auto rounded = (*opened)->arm(10);
+  ASSERT_FALSE(rounded);
+  EXPECT_EQ(rounded.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(rounded.error().message, HasSubstr("an exposure of 10 ms was asked for, it reads back 9 ms"));
+  EXPECT_TRUE((*opened)->arm(9));
+}
+
+TEST_F(Aravis, AutomaticsThatStayOnAreNamed) {
+  GigeOptions options;
+  options.automatic = 1;
+  plug_in(options);
+  const auto opened = open();
+  ASSERT_FALSE(opened);
+  EXPECT_EQ(opened.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(opened.error().message, HasSubstr("ExposureAuto was set to Off and reads back Continuous"));
+}
+
+TEST_F(Aravis, ACameraThatSendsNothingIsToldFromOneThatIsGone) {
+  GigeOptions options;
+  options.silent = true;
+  plug_in(options);
+  auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  const auto silent = camera->trigger();
+  ASSERT_FALSE(silent);
+  EXPECT_THAT(silent.error().message, HasSubstr("answers, but of 3 triggers no photo came, each within 0.5 s"));
+  camera_->unplug();
+  const auto gone = camera->trigger();
+  ASSERT_FALSE(gone);
+  EXPECT_EQ(gone.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(gone.error().message, HasSubstr("camera 'left eye' is gone"));
+}
+
+TEST_F(Aravis, APhotoThatIsSmallerThanItSaysIsNeverGiven) {
+  GigeOptions options;
+  options.lines_short = 3;
+  plug_in(options);
+  auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  const auto taken = camera->trigger();
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(taken.error().code, ErrorCode::kDevice);
+}
+
+TEST_F(Aravis, APhotoThatComesTwiceCountsOnce) {
+  GigeOptions options;
+  options.repeats_frame = true;
+  plug_in(options);
+  auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  for (int photo = 0; photo < 4; ++photo) {
+    const auto taken = camera->trigger();
+    ASSERT_TRUE(taken) << taken.error().message;
+    EXPECT_EQ(taken->counter, static_cast<std::uint64_t>(photo));
+  }
+  EXPECT_EQ(camera_->photos(), 7);
+}
+
+TEST_F(Aravis, AMosaicBecomesColour) {
+  GigeOptions options;
+  options.formats = {"BayerGR10"};
+  plug_in(options);
+  auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  const auto taken = camera->trigger();
+  ASSERT_TRUE(taken) << taken.error().message;
+  EXPECT_EQ(taken->values.channels(), 3);
+  EXPECT_EQ(taken->full_scale, 1023);
+}
+
+}  // namespace
+}  // namespace countershade

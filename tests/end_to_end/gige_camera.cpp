@@ -1,0 +1,312 @@
+#include "tests/end_to_end/gige_camera.h"
+
+#include <arpa/inet.h>
+#include <fmt/format.h>
+#include <net/if.h>
+#include <poll.h>
+#include <sched.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <chrono>
+#include <cstring>
+
+#include "calib/base/check.h"
+#include "capture/device/pixel_format.h"
+
+namespace countershade::testing {
+
+namespace {
+
+// Bootstrap registers of GigE Vision, then ours.
+enum Register : std::uint32_t {
+  kVersion = 0x0, kMode = 0x4, kMacHigh = 0x8, kMacLow = 0xc, kAddress = 0x24, kMask = 0x34, kVendor = 0x48,
+  kModel = 0x68, kDeviceVersion = 0x88, kSerial = 0xd8, kFirstUrl = 0x200, kChannels = 0x904, kCapabilities = 0x934,
+  kHeartbeat = 0x938, kTickHigh = 0x93c, kTickLow = 0x940, kPrivilege = 0xa00, kStreamPort = 0xd00,
+  kPacketSize = 0xd04, kStreamAddress = 0xd18,
+  kWidth = 0xa100, kHeight = 0xa104, kFormat = 0xa108, kExposure = 0xa10c, kExposureAuto = 0xa110, kRun = 0xa114,
+  kTriggerMode = 0xa118, kTriggerSource = 0xa11c, kTrigger = 0xa120, kZero = 0xa124, kMode1 = 0xa128,
+};
+constexpr std::uint32_t kXmlAt = 0x10000, kEnd = 0x20000;
+constexpr std::uint32_t kFireTest = 0x80000000;
+constexpr int kHeaders = 28;  // of IP and UDP, which the packet size includes
+
+std::string registers_xml() {
+  std::string text;
+  for (const auto& [name, address] :
+       {std::pair("WidthReg", kWidth), {"HeightReg", kHeight}, {"FormatReg", kFormat}, {"ExposureReg", kExposure},
+        {"AutoReg", kExposureAuto}, {"RunReg", kRun}, {"TriggerModeReg", kTriggerMode},
+        {"TriggerSourceReg", kTriggerSource}, {"TriggerReg", kTrigger}, {"ZeroReg", kZero}, {"ModeReg", kMode1}})
+    text += fmt::format(
+        "<IntReg Name=\"{}\"><Address>{:#x}</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort>"
+        "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>\n",
+        name, static_cast<std::uint32_t>(address));
+  return text;
+}
+
+std::string enumeration(const std::string& name, const std::vector<std::pair<std::string, std::uint32_t>>& entries,
+                        const std::string& in) {
+  std::string text = fmt::format("<Enumeration Name=\"{}\">", name);
+  for (const auto& [entry, value] : entries)
+    text += fmt::format("<EnumEntry Name=\"{}\"><Value>{}</Value></EnumEntry>", entry, value);
+  return text + fmt::format("<pValue>{}</pValue></Enumeration>\n", in);
+}
+
+std::string integer(const std::string& name, const std::string& in, long long least, long long most) {
+  return fmt::format("<Integer Name=\"{}\"><pValue>{}</pValue><Min>{}</Min><Max>{}</Max></Integer>\n", name, in, least,
+                     most);
+}
+
+std::string description(const GigeOptions& options) {
+  std::vector<std::pair<std::string, std::uint32_t>> formats;
+  for (const capture::PixelFormat& f : capture::pixel_formats())
+    if (std::find(options.formats.begin(), options.formats.end(), f.name) != options.formats.end())
+      formats.emplace_back(f.name, f.code);
+  std::string features;
+  for (const char* f : {"Width", "Height", "PixelFormat", "AcquisitionMode", "AcquisitionStart", "AcquisitionStop",
+                        "ExposureTime", "ExposureAuto", "TriggerSelector", "TriggerMode", "TriggerSource",
+                        "TriggerActivation", "TriggerSoftware", "PayloadSize"})
+    features += fmt::format("<pFeature>{}</pFeature>", f);
+  return "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n"
+         "<RegisterDescription ModelName=\"RoomCamera\" VendorName=\"Countershade\" ToolTip=\"tests\" "
+         "StandardNameSpace=\"GEV\" SchemaMajorVersion=\"1\" SchemaMinorVersion=\"1\" SchemaSubMinorVersion=\"0\" "
+         "MajorVersion=\"1\" MinorVersion=\"0\" SubMinorVersion=\"0\" "
+         "ProductGuid=\"0e4a1c52-7f0d-4a0e-8c4e-2f3b7d9a6b10\" VersionGuid=\"0e4a1c52-7f0d-4a0e-8c4e-2f3b7d9a6b11\" "
+         "xmlns=\"http://www.genicam.org/GenApi/Version_1_1\">\n<Category Name=\"Root\">" +
+         features + "</Category>\n" + integer("Width", "WidthReg", options.width, options.width) +
+         integer("Height", "HeightReg", options.height, options.height) +
+         enumeration("PixelFormat", formats, "FormatReg") +
+         enumeration("AcquisitionMode", {{"Continuous", 0}}, "ModeReg") +
+         "<Command Name=\"AcquisitionStart\"><pValue>RunReg</pValue><CommandValue>1</CommandValue></Command>\n"
+         "<Command Name=\"AcquisitionStop\"><pValue>RunReg</pValue><CommandValue>0</CommandValue></Command>\n"
+         "<Float Name=\"ExposureTime\"><pValue>ExposureReg</pValue><Min>10</Min><Max>1000000</Max><Unit>us</Unit></Float>\n" +
+         enumeration("ExposureAuto", {{"Off", 0}, {"Continuous", 1}}, "AutoReg") +
+         enumeration("TriggerSelector", {{"FrameStart", 0}}, "ZeroReg") +
+         enumeration("TriggerMode", {{"Off", 0}, {"On", 1}}, "TriggerModeReg") +
+         enumeration("TriggerSource", {{"Line0", 0}, {"Software", 1}}, "TriggerSourceReg") +
+         enumeration("TriggerActivation", {{"RisingEdge", 0}}, "ZeroReg") +
+         "<Command Name=\"TriggerSoftware\"><pValue>TriggerReg</pValue><CommandValue>1</CommandValue></Command>\n"
+         "<IntSwissKnife Name=\"PayloadSize\"><pVariable Name=\"W\">WidthReg</pVariable><pVariable "
+         "Name=\"H\">HeightReg</pVariable><pVariable Name=\"F\">FormatReg</pVariable>"
+         "<Formula>W*H*((F&gt;&gt;16)&amp;0xFF)/8</Formula></IntSwissKnife>\n" +
+         registers_xml() + "<Port Name=\"Device\"/>\n</RegisterDescription>\n";
+}
+
+void put16(std::uint8_t* to, unsigned v) {
+  to[0] = static_cast<std::uint8_t>(v >> 8), to[1] = static_cast<std::uint8_t>(v);
+}
+void put32(std::uint8_t* to, std::uint32_t v) {
+  put16(to, v >> 16), put16(to + 2, v & 0xffff);
+}
+unsigned get16(const std::uint8_t* from) {
+  return static_cast<unsigned>(from[0]) << 8 | from[1];
+}
+std::uint32_t get32(const std::uint8_t* from) {
+  return get16(from) << 16 | get16(from + 2);
+}
+
+}  // namespace
+
+std::string enter_private_network() {
+  if (unshare(CLONE_NEWNET) != 0 && unshare(CLONE_NEWUSER | CLONE_NEWNET) != 0)
+    return fmt::format("no network of its own: {}", std::strerror(errno));
+  const int any = socket(AF_INET, SOCK_DGRAM, 0);
+  ifreq request{};
+  std::strcpy(request.ifr_name, "lo");
+  request.ifr_flags = IFF_UP | IFF_RUNNING | IFF_LOOPBACK;
+  const bool up = ioctl(any, SIOCSIFFLAGS, &request) == 0;
+  const std::string why = up ? "" : fmt::format("loopback does not come up: {}", std::strerror(errno));
+  close(any);
+  return why;
+}
+
+struct GigeCamera::State {
+  GigeOptions options;
+  Photograph photograph;
+  std::vector<std::uint8_t> space = std::vector<std::uint8_t>(kEnd);
+  std::vector<std::uint8_t> photo;  // the latest, kept for resends
+  unsigned block = 0, sent = 0;
+  std::uint64_t taken_ns = 0;
+  int control = -1, stream = -1;
+
+  std::uint32_t get(std::uint32_t at) const { return get32(space.data() + at); }
+  void set(std::uint32_t at, std::uint32_t v) { put32(space.data() + at, v); }
+  void text(std::uint32_t at, const std::string& value) { std::copy(value.begin(), value.end(), space.begin() + at); }
+  std::size_t piece() const { return (get(kPacketSize) & 0xffff) - kHeaders - 8; }
+  unsigned last_packet() const { return static_cast<unsigned>((photo.size() + piece() - 1) / piece()) + 1; }
+
+  void start();
+  void send(const std::vector<std::uint8_t>& packet) const;
+  void send_packet(unsigned id, bool again);
+  void write(std::uint32_t at, std::uint32_t value, int& photos);
+  void take(int& photos);
+};
+
+void GigeCamera::State::start() {
+  const std::string xml = description(options);
+  CS_CHECK(xml.size() < kEnd - kXmlAt, "the description fits");
+  in_addr address{};
+  inet_aton(options.address.c_str(), &address);
+  set(kVersion, 0x00010002), set(kMode, 0x80000001), set(kMacHigh, 0x0242), set(kMacLow, 0x7f000001);
+  set(kAddress, ntohl(address.s_addr)), set(kMask, 0xff000000);
+  text(kVendor, "Countershade"), text(kModel, "RoomCamera"), text(kDeviceVersion, "1"), text(kSerial, options.serial);
+  text(kFirstUrl, fmt::format("Local:room.xml;{:x};{:x}", kXmlAt, xml.size())), text(kXmlAt, xml);
+  set(kChannels, 1), set(kCapabilities, 0x7), set(kHeartbeat, 3000), set(kTickLow, 1000000000);
+  set(kPacketSize, 1400), set(kWidth, options.width), set(kHeight, options.height);
+  for (const capture::PixelFormat& f : capture::pixel_formats())
+    if (f.name == options.formats[0]) set(kFormat, f.code);
+  set(kExposure, 20000), set(kExposureAuto, 1), set(kTriggerSource, 0);
+  control = socket(AF_INET, SOCK_DGRAM, 0), stream = socket(AF_INET, SOCK_DGRAM, 0);
+  const int yes = 1;
+  setsockopt(control, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  sockaddr_in here{};
+  here.sin_family = AF_INET, here.sin_port = htons(3956), here.sin_addr.s_addr = INADDR_ANY;
+  CS_CHECK(bind(control, reinterpret_cast<sockaddr*>(&here), sizeof here) == 0, "GVCP's port is free");
+}
+
+void GigeCamera::State::send(const std::vector<std::uint8_t>& packet) const {
+  sockaddr_in to{};
+  to.sin_family = AF_INET, to.sin_port = htons(static_cast<std::uint16_t>(get(kStreamPort)));
+  to.sin_addr.s_addr = htonl(get(kStreamAddress));
+  sendto(stream, packet.data(), packet.size(), 0, reinterpret_cast<sockaddr*>(&to), sizeof to);
+}
+
+// Packet 0 is the leader, then the pixels, the last one is the trailer.
+void GigeCamera::State::send_packet(unsigned id, bool again) {
+  if (!again && options.drop_every > 0 && ++sent % options.drop_every == 0) return;
+  std::vector<std::uint8_t> p(8);
+  put16(p.data() + 2, block), put32(p.data() + 4, id);
+  if (id == 0) {
+    p.resize(44);
+    p[4] = 1;
+    put16(p.data() + 10, 1);
+    put32(p.data() + 12, static_cast<std::uint32_t>(taken_ns >> 32));
+    put32(p.data() + 16, static_cast<std::uint32_t>(taken_ns));
+    put32(p.data() + 20, get(kFormat)), put32(p.data() + 24, get(kWidth)), put32(p.data() + 28, get(kHeight));
+  } else if (id == last_packet()) {
+    p.resize(16);
+    p[4] = 2;
+    put16(p.data() + 10, 1), put32(p.data() + 12, get(kHeight));
+  } else {
+    const std::size_t at = (id - 1) * piece();
+    p[4] = 3;
+    p.insert(p.end(), photo.begin() + static_cast<std::ptrdiff_t>(at),
+             photo.begin() + static_cast<std::ptrdiff_t>(std::min(photo.size(), at + piece())));
+  }
+  send(p);
+}
+
+void GigeCamera::State::take(int& photos) {
+  const double exposure_us = get(kExposure);
+  usleep(static_cast<useconds_t>(exposure_us));
+  ++photos;
+  if (options.silent) return;
+  if (!(options.repeats_frame && photos % 2 == 0)) {
+    const std::vector<std::uint16_t> values = photograph(exposure_us / 1e3);
+    const capture::PixelFormat format = *capture::pixel_format(get(kFormat));
+    const std::size_t count = static_cast<std::size_t>(options.width) * (options.height - options.lines_short);
+    photo.clear();
+    for (std::size_t i = 0; i < count; ++i) {
+      const unsigned v = values.at(i) >> (16 - format.bits);
+      photo.push_back(static_cast<std::uint8_t>(v));
+      if (format.packing == capture::Packing::kWords) photo.push_back(static_cast<std::uint8_t>(v >> 8));
+    }
+    block = block % 65535 + 1;  // 0 is left out
+    taken_ns = static_cast<std::uint64_t>(
+        std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count());
+  }
+  for (unsigned id = 0; id <= last_packet(); ++id) send_packet(id, false);
+}
+
+void GigeCamera::State::write(std::uint32_t at, std::uint32_t value, int& photos) {
+  if (at >= kXmlAt - 4) return;
+  if (at == kExposure && options.exposure_step_us > 0)
+    value = static_cast<std::uint32_t>(std::max(1.0, std::round(value / options.exposure_step_us)) *
+                                       options.exposure_step_us);
+  if (at == kExposureAuto && options.automatic) value = 1;
+  if (at == kPacketSize && value & kFireTest) {
+    const int size = static_cast<int>(value & 0xffff);
+    if (size <= options.largest_packet) send(std::vector<std::uint8_t>(size - kHeaders));
+    value &= ~kFireTest;
+  }
+  set(at, value);
+  if (at == kTrigger && value && get(kRun)) take(photos);
+}
+
+GigeCamera::GigeCamera(GigeOptions options, Photograph photograph) : state_(std::make_unique<State>()) {
+  state_->options = std::move(options), state_->photograph = std::move(photograph);
+  state_->start();
+  thread_ = std::thread([this] { serve(); });
+}
+
+GigeCamera::~GigeCamera() {
+  unplug();
+}
+
+void GigeCamera::unplug() {
+  stop_ = true;
+  if (thread_.joinable()) thread_.join();
+  for (int* s : {&state_->control, &state_->stream})
+    if (*s >= 0) close(*s), *s = -1;
+}
+
+void GigeCamera::serve() {
+  State& s = *state_;
+  while (!stop_) {
+    pollfd waiting{s.control, POLLIN, 0};
+    if (poll(&waiting, 1, 20) <= 0) continue;
+    std::uint8_t in[2048], out[2048] = {};
+    sockaddr_in from{};
+    socklen_t from_size = sizeof from;
+    const ssize_t n = recvfrom(s.control, in, sizeof in, 0, reinterpret_cast<sockaddr*>(&from), &from_size);
+    if (n < 8 || in[0] != 0x42) continue;
+    const unsigned command = get16(in + 2), length = get16(in + 4);
+    if (static_cast<ssize_t>(length) + 8 > n) continue;
+    const std::uint8_t* data = in + 8;
+    unsigned size = 0;
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> writes;
+    switch (command) {
+      case 0x0002: std::copy_n(s.space.begin(), size = 0xf8, out + 8); break;
+      case 0x0080:
+        for (; size + 4 <= length; size += 4) {
+          const std::uint32_t at = get32(data + size);
+          put32(out + 8 + size, at <= kEnd - 4 ? s.get(at) : 0);
+        }
+        break;
+      case 0x0082:
+        for (unsigned i = 0; i + 8 <= length; i += 8) writes.emplace_back(get32(data + i), get32(data + i + 4));
+        size = 4, put16(out + 10, static_cast<unsigned>(writes.size()));
+        break;
+      case 0x0084: {
+        const std::uint32_t at = get32(data), count = std::min(1000u, get16(data + 6));
+        if (at + count <= kEnd) std::copy_n(s.space.begin() + at, count, out + 12), size = count + 4;
+        put32(out + 8, at);
+        break;
+      }
+      case 0x0086:
+        for (unsigned i = 4; i + 4 <= length; i += 4) writes.emplace_back(get32(data) + i - 4, get32(data + i));
+        size = 4, put16(out + 10, length - 4);
+        break;
+      case 0x0040:
+        if (!s.options.deaf && get16(data + 2) == s.block)
+          for (unsigned id = get32(data + 4) & 0xffffff; id <= std::min(get32(data + 8) & 0xffffff, s.last_packet()); ++id)
+            s.send_packet(id, true), ++resent_;
+        continue;
+      default: continue;
+    }
+    put16(out + 2, command + 1), put16(out + 4, size), put16(out + 6, get16(in + 6));
+    // A trigger is acknowledged before the exposure; other settings count once they are acknowledged.
+    const bool triggers = !writes.empty() && writes[0].first == kTrigger;
+    int photos = photos_;
+    if (!triggers)
+      for (const auto& [at, value] : writes) s.write(at, value, photos);
+    sendto(s.control, out, size + 8, 0, reinterpret_cast<sockaddr*>(&from), from_size);
+    if (triggers) s.write(kTrigger, writes[0].second, photos);
+    photos_ = photos;
+  }
+}
+
+}  // namespace countershade::testing
