@@ -146,6 +146,13 @@ BundleResult adjust(const std::vector<Matches>& matches, const std::vector<Proje
   const auto gauge =
       std::find_if(bundle.planes.begin(), bundle.planes.end(), [](const auto& w) { return w.norm() > 0; });
   CS_CHECK(gauge != bundle.planes.end(), "a bundle without planes");
+  for (const Matches& of_projector : matches)
+    for (const Match& m : of_projector)
+      if (m.plane >= 0 && bundle.planes[m.plane].isZero(0)) {  // a plane that no start has placed: nothing to adjust
+        BundleResult none;
+        none.cost = HUGE_VAL, none.rms_px.assign(matches.size(), HUGE_VAL);
+        return none;
+      }
   const double scale = gauge->norm();
   for (Eigen::Vector3d& w : bundle.planes) w /= scale;
   for (auto& p : bundle.projectors) p.projector_from_camera.translation *= scale;

@@ -73,7 +73,8 @@ struct Adjustment {
   bool hold_columns = false;  // principal columns stay where they are
   bool covariance = false;
 };
-// matches[q] with plane labels; those labelled -1 are left out, and a plane without matches stays where it is.
+// matches[q] with plane labels; those labelled -1 are left out, and a plane without matches stays where it is. Where
+// matches belong to a plane that is nowhere (all zero) the cost is infinite and the bundle stays as it is.
 BundleResult adjust(const std::vector<Matches>& matches, const std::vector<ProjectorSpec>& specs,
                     const Adjustment& adjustment, Bundle& bundle);
 

@@ -265,5 +265,21 @@ TEST(GeometryFit, KnownLengthGivesMetres) {
   EXPECT_NEAR(distance / truth, 1.0, 0.005);
 }
 
+TEST(Adjust, APlaneThatIsNowhereCostsEverythingAndSaysNothing) {
+  parts::Bundle bundle;
+  bundle.projectors = {{800, 319.5, 239.5, {}}};
+  bundle.planes = {{0, 0, 0.5}, Eigen::Vector3d::Zero()};
+  parts::Matches matches;
+  for (int i = 0; i < 20; ++i) matches.push_back({{0.02 * i, 0.01 * i}, {319.5 + 16 * i, 239.5 + 8 * i}, 0.3, i, i % 2});
+  ProjectorSpec spec;
+  spec.id = "p", spec.resolution = {640, 480};
+  ::testing::internal::CaptureStderr();
+  const parts::BundleResult result = parts::adjust({matches}, {spec}, {}, bundle);
+  EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
+  EXPECT_EQ(result.cost, HUGE_VAL);
+  EXPECT_EQ(result.rms_px, std::vector<double>{HUGE_VAL});
+  EXPECT_EQ(bundle.projectors[0].focal, 800);
+}
+
 }  // namespace
 }  // namespace countershade::solver
