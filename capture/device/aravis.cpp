@@ -103,8 +103,7 @@ class OpenCamera final : public Camera {
   PixelFormat format_;
   double exposure_ms_ = 0;
   bool armed_ = false, came_ = false, gone_ = false;  // came: the latest photo, if not whole
-  std::uint64_t photos_ = 0, last_frame_ = 0;
-  bool any_frame_ = false;
+  std::uint64_t photos_ = 0;
 };
 
 Result<void> OpenCamera::switch_off(const char* feature) {
@@ -114,8 +113,9 @@ Result<void> OpenCamera::switch_off(const char* feature) {
   if (failure) return failed(fmt::format("{} cannot be switched off", feature), failure);
   const std::string now = or_empty(arv_camera_get_string(camera_.get(), feature, failure.out()));
   if (failure || now != "Off")
-    return error(ErrorCode::kDevice, "camera '{}': {} was set to Off and reads back {}; switch it off by the maker's tool",
-                 id_, feature, now.empty() ? "nothing" : now);
+    return error(ErrorCode::kDevice,
+                 "camera '{}': {} was set to Off and reads back {}; switch it off by the maker's tool", id_, feature,
+                 now.empty() ? "nothing" : now);
   return {};
 }
 
@@ -176,10 +176,11 @@ Result<void> OpenCamera::start() {
   if (failure) return failed("size of a photo", failure);
   stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, failure.out()));
   if (!stream_ || failure)
-    return error(ErrorCode::kDevice,
-                 "camera '{}': no stream: {}. Does another program have it? One that crashed keeps it for some seconds: "
-                 "try again",
-                 id_, failure.text());
+    return error(
+        ErrorCode::kDevice,
+        "camera '{}': no stream: {}. Does another program have it? One that crashed keeps it for some seconds: "
+        "try again",
+        id_, failure.text());
   if (ARV_IS_GV_STREAM(stream_.get()))
     g_object_set(stream_.get(), "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout", 20000u,
                  "frame-retention", 100000u, nullptr);
@@ -268,12 +269,7 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     return std::optional<Exposure>();
   }
   std::optional<Result<Exposure>> read;
-  const std::uint64_t frame = arv_buffer_get_frame_id(buffer);
-  const bool again = any_frame_ && frame == last_frame_;  // a frame that was given before is no photo of now
-  if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS && !again) {
-    read = read_out(buffer);
-    last_frame_ = frame, any_frame_ = true;
-  }
+  if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS) read = read_out(buffer);
   arv_stream_push_buffer(stream_.get(), buffer);
   if (!read) return std::optional<Exposure>();
   if (!*read) return read->error();
@@ -287,14 +283,16 @@ Result<Exposure> OpenCamera::trigger() {
     if (whole) return std::move(*whole);
   }
   if (!came_)
-    return error(ErrorCode::kDevice,
-                 "camera '{}' answers, but of {} triggers no photo came, each within {:.1f} s: a firewall that keeps its "
-                 "packets out, another network card that they go to, or a trigger mode that is not kept",
-                 id_, options_.tries, options_.timeout_s + exposure_ms_ / 1e3);
-  return error(ErrorCode::kDevice,
-               "camera '{}': parts of every photo were lost on the way, {} times: check cable and network card, or give "
-               "the network larger receive buffers (sysctl net.core.rmem_max)",
-               id_, options_.tries);
+    return error(
+        ErrorCode::kDevice,
+        "camera '{}' answers, but of {} triggers no photo came, each within {:.1f} s: a firewall that keeps its "
+        "packets out, another network card that they go to, or a trigger mode that is not kept",
+        id_, options_.tries, options_.timeout_s + exposure_ms_ / 1e3);
+  return error(
+      ErrorCode::kDevice,
+      "camera '{}': parts of every photo were lost on the way, {} times: check cable and network card, or give "
+      "the network larger receive buffers (sysctl net.core.rmem_max)",
+      id_, options_.tries);
 }
 
 bool names(const AravisCamera& camera, const std::string& full_id, const std::string& device) {
@@ -343,7 +341,8 @@ Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const 
   std::string found;
   for (const Listed& l : all) {
     if (device.empty() || names(l.camera, l.full_id, device)) matching.push_back(&l);
-    found += fmt::format("{}'{}' ({}, {})", found.empty() ? "" : ", ", l.camera.device, l.camera.name, l.camera.address);
+    found +=
+        fmt::format("{}'{}' ({}, {})", found.empty() ? "" : ", ", l.camera.device, l.camera.name, l.camera.address);
   }
   if (all.empty())
     return error(ErrorCode::kDevice,
@@ -352,7 +351,8 @@ Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const 
                  "you read and write its device node (udev rule)?",
                  id);
   if (matching.empty())
-    return error(ErrorCode::kDevice, "camera '{}': no camera is called '{}'; those that answer are {}", id, device, found);
+    return error(ErrorCode::kDevice, "camera '{}': no camera is called '{}'; those that answer are {}", id, device,
+                 found);
   if (matching.size() > 1)
     return error(ErrorCode::kDevice, "camera '{}': device = \"{}\" fits several cameras; name one of {}", id, device,
                  found);

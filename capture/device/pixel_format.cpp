@@ -10,10 +10,14 @@ namespace {
 
 std::vector<PixelFormat> all_formats() {
   std::vector<PixelFormat> formats = {
-      {"Mono16", 0x01100007, 16, Packing::kWords},      {"Mono14", 0x01100025, 14, Packing::kWords},
-      {"Mono12", 0x01100005, 12, Packing::kWords},      {"Mono12p", 0x010C0047, 12, Packing::kBits},
-      {"Mono12Packed", 0x010C0006, 12, Packing::kOldPacked}, {"Mono10", 0x01100003, 10, Packing::kWords},
-      {"Mono10p", 0x010A0046, 10, Packing::kBits},      {"Mono10Packed", 0x010C0004, 10, Packing::kOldPacked},
+      {"Mono16", 0x01100007, 16, Packing::kWords},
+      {"Mono14", 0x01100025, 14, Packing::kWords},
+      {"Mono12", 0x01100005, 12, Packing::kWords},
+      {"Mono12p", 0x010C0047, 12, Packing::kBits},
+      {"Mono12Packed", 0x010C0006, 12, Packing::kOldPacked},
+      {"Mono10", 0x01100003, 10, Packing::kWords},
+      {"Mono10p", 0x010A0046, 10, Packing::kBits},
+      {"Mono10Packed", 0x010C0004, 10, Packing::kOldPacked},
       {"Mono8", 0x01080001, 8, Packing::kBytes},
   };
   struct Bayer {
@@ -39,8 +43,10 @@ std::vector<PixelFormat> all_formats() {
 // Value number i of `bits` bits.
 std::uint32_t value_at(const PixelFormat& format, const std::uint8_t* bytes, std::size_t i) {
   switch (format.packing) {
-    case Packing::kBytes: return bytes[i];
-    case Packing::kWords: return (bytes[2 * i] | bytes[2 * i + 1] << 8) & ((1u << format.bits) - 1);
+    case Packing::kBytes:
+      return bytes[i];
+    case Packing::kWords:
+      return (bytes[2 * i] | bytes[2 * i + 1] << 8) & ((1u << format.bits) - 1);
     case Packing::kBits: {
       const std::size_t bit = i * format.bits, at = bit / 8;
       const int shift = static_cast<int>(bit % 8);
@@ -61,10 +67,14 @@ std::uint32_t value_at(const PixelFormat& format, const std::uint8_t* bytes, std
 std::size_t PixelFormat::bytes(int width, int height) const {
   const std::size_t values = static_cast<std::size_t>(width) * height * (colours == "RGB" ? 3 : 1);
   switch (packing) {
-    case Packing::kBytes: return values;
-    case Packing::kWords: return 2 * values;
-    case Packing::kBits: return (values * bits + 7) / 8;
-    case Packing::kOldPacked: return (values + 1) / 2 * 3;
+    case Packing::kBytes:
+      return values;
+    case Packing::kWords:
+      return 2 * values;
+    case Packing::kBits:
+      return (values * bits + 7) / 8;
+    case Packing::kOldPacked:
+      return (values + 1) / 2 * 3;
   }
   return 0;
 }

@@ -14,10 +14,11 @@
 namespace countershade::capture {
 
 enum class Packing {
-  kBytes,       // one byte per value
-  kWords,       // two bytes per value, the lower one first, the bits at the low end
-  kBits,        // one value after the other without a gap, low bits first ("p")
-  kOldPacked,   // GigE Vision 1: two values in three bytes, high bits in the outer ones, low bits in the middle ("Packed")
+  kBytes,      // one byte per value
+  kWords,      // two bytes per value, the lower one first, the bits at the low end
+  kBits,       // one value after the other without a gap, low bits first ("p")
+  kOldPacked,  // GigE Vision 1: two values in three bytes, high bits in the outer ones, low bits in the middle
+               // ("Packed")
 };
 
 struct PixelFormat {

@@ -19,8 +19,7 @@ PixelFormat named(const std::string& name) {
 std::vector<std::uint32_t> some_values(int bits, std::size_t count) {
   Random random(hash_name("pixel format") + bits);
   std::vector<std::uint32_t> values;
-  for (std::size_t i = 0; i < count; ++i)
-    values.push_back(static_cast<std::uint32_t>(random.uniform() * (1u << bits)));
+  for (std::size_t i = 0; i < count; ++i) values.push_back(static_cast<std::uint32_t>(random.uniform() * (1u << bits)));
   values[0] = 0, values[1] = (1u << bits) - 1;
   return values;
 }

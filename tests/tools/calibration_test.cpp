@@ -28,10 +28,10 @@ CalibrateOptions captured(simdata::RigAndRoom room, const fs::path& folder) {
   write_cameramodel(room.rig.cameras[0].model, lens).value();
   const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
   CalibrateOptions options;
-  options.decoded = capture_with_code(room.rig, "", "auto", simdata::simulated_devices(simulator), folder / "session",
-                                      quiet)
-                        .value()
-                        .decoded;
+  options.decoded =
+      capture_with_code(room.rig, "", "auto", simdata::simulated_devices(simulator), folder / "session", quiet)
+          .value()
+          .decoded;
   return options;
 }
 
@@ -68,8 +68,8 @@ TEST(Calibrate, RejectsCodesThatNoPointOfSpaceExplains) {
   EXPECT_EQ(opened->summary.decoded[0].rejected, decoded.rejected);
 }
 
-// The walls are of three albedos, and one has a colour of its own: what a camera tells of each primary is the same whether
-// it sees colours or not.
+// The walls are of three albedos, and one has a colour of its own: what a camera tells of each primary is the same
+// whether it sees colours or not.
 TEST(Calibrate, ACameraWithoutColoursTellsThePrimariesApart) {
   SilentProgress quiet;
   std::vector<solver::Model> models;

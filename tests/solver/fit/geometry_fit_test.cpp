@@ -270,7 +270,8 @@ TEST(Adjust, APlaneThatIsNowhereCostsEverythingAndSaysNothing) {
   bundle.projectors = {{800, 319.5, 239.5, {}}};
   bundle.planes = {{0, 0, 0.5}, Eigen::Vector3d::Zero()};
   parts::Matches matches;
-  for (int i = 0; i < 20; ++i) matches.push_back({{0.02 * i, 0.01 * i}, {319.5 + 16 * i, 239.5 + 8 * i}, 0.3, i, i % 2});
+  for (int i = 0; i < 20; ++i)
+    matches.push_back({{0.02 * i, 0.01 * i}, {319.5 + 16 * i, 239.5 + 8 * i}, 0.3, i, i % 2});
   ProjectorSpec spec;
   spec.id = "p", spec.resolution = {640, 480};
   ::testing::internal::CaptureStderr();

@@ -1,5 +1,6 @@
-// The whole job with real parts: windows on a display, read back from its memory; light by the simulated room; a GigE Vision
-// camera whose packets go through Aravis. Against the same room where the simulator is camera and projector itself.
+// The whole job with real parts: windows on a display, read back from its memory; light by the simulated room; a GigE
+// Vision camera whose packets go through Aravis. Against the same room where the simulator is camera and projector
+// itself.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
@@ -11,7 +12,7 @@
 #include "capture/device/aravis.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
-#include "tests/end_to_end/gige_camera.h"
+#include "tests/device/gige_camera.h"
 #include "tests/support/cli.h"
 #include "tests/support/xvfb.h"
 
@@ -35,26 +36,27 @@ Shown shown(const fs::path& out) {
 }
 
 // A camera that sees what the windows of a display show, in a room.
-std::unique_ptr<GigeCamera> camera_in_room(const std::shared_ptr<simdata::Simulator>& simulator, const XvfbDisplay& display,
-                          GigeOptions options) {
+std::unique_ptr<GigeCamera> camera_in_room(const std::shared_ptr<simdata::Simulator>& simulator,
+                                           const XvfbDisplay& display, GigeOptions options) {
   options.width = simulator->simulation().cameras[0].resolution[0];
   options.height = simulator->simulation().cameras[0].resolution[1];
   options.formats = {"Mono16"};
-  return std::make_unique<GigeCamera>(options, [simulator, &display, photo = std::uint64_t{0}](double exposure_ms) mutable {
-    std::vector<Picture> pictures;
-    for (int q = 0; q < 2; ++q) {
-      const std::vector<std::uint8_t> seen = display.pixels(kWidth, kHeight, q * kWidth);
-      Picture picture(kWidth, kHeight, 3);
-      std::transform(seen.begin(), seen.end(), picture.data().begin(), [](std::uint8_t v) { return 257 * v; });
-      pictures.push_back(std::move(picture));
-    }
-    const Image light = simulator->optics(0, simulator->total_light(0, pictures));
-    const capture::Exposure e = simulator->expose(0, light, exposure_ms, photo++);
-    std::vector<std::uint16_t> values;
-    for (const float v : e.values.data())
-      values.push_back(static_cast<std::uint16_t>(std::lround(v / e.full_scale * 65535)));
-    return values;
-  });
+  return std::make_unique<GigeCamera>(
+      options, [simulator, &display, photo = std::uint64_t{0}](double exposure_ms) mutable {
+        std::vector<Picture> pictures;
+        for (int q = 0; q < 2; ++q) {
+          const std::vector<std::uint8_t> seen = display.pixels(kWidth, kHeight, q * kWidth);
+          Picture picture(kWidth, kHeight, 3);
+          std::transform(seen.begin(), seen.end(), picture.data().begin(), [](std::uint8_t v) { return 257 * v; });
+          pictures.push_back(std::move(picture));
+        }
+        const Image light = simulator->optics(0, simulator->total_light(0, pictures));
+        const capture::Exposure e = simulator->expose(0, light, exposure_ms, photo++);
+        std::vector<std::uint16_t> values;
+        for (const float v : e.values.data())
+          values.push_back(static_cast<std::uint16_t>(std::lround(v / e.full_scale * 65535)));
+        return values;
+      });
 }
 
 TEST(RealParts, WindowsARoomAndAGigECameraGiveWhatTheSimulatorAloneGives) {
@@ -75,8 +77,7 @@ TEST(RealParts, WindowsARoomAndAGigECameraGiveWhatTheSimulatorAloneGives) {
   SilentProgress quiet;
   const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
 
-  ASSERT_TRUE(write_atomically(folder / "simulated.toml",
-                               rig_text(room.rig, &room.simulation)));
+  ASSERT_TRUE(write_atomically(folder / "simulated.toml", rig_text(room.rig, &room.simulation)));
   camera.backend = "aravis", camera.device = "ROOM1";
   camera.pedestal *= 65535 / camera.full_scale.value_or(65535);  // it sends 16 bits
   camera.full_scale.reset();

@@ -1,6 +1,6 @@
-// A GigE Vision camera of the tests: it answers discovery, registers, triggers and resend requests with real packets (GVCP,
-// GVSP) on the loopback interface, has a description (GenICam) of its own, and photographs whatever it is given. It can lose
-// packets, be deaf to resend requests, change settings behind one's back, and lie about what it sends.
+// A GigE Vision camera of the tests: it answers discovery, registers, triggers and resend requests with real packets
+// (GVCP, GVSP) on the loopback interface, has a description (GenICam) of its own, and photographs whatever it is given.
+// It can lose packets, be deaf to resend requests, change settings behind one's back, and lie about what it sends.
 #pragma once
 
 #include <atomic>
@@ -22,14 +22,15 @@ struct GigeOptions {
   std::string serial = "ROOM1";
   std::string address = "127.0.0.1";
   std::vector<std::string> formats = {"Mono8", "Mono16"};
-  int largest_packet = 9000;     // bytes that "the network" lets through, of a packet with its headers
-  int drop_every = 0;            // every so manyth stream packet is not sent the first time; 0 = none
-  bool deaf = false;             // resend requests are not answered
-  double exposure_step_us = 0;   // exposures are rounded to it, silently
-  int automatic = 0;             // 1: exposure stays automatic whatever is written
-  bool silent = false;           // never sends a photo
-  int lines_short = 0;           // a photo has so many lines less than it says
-  bool repeats_frame = false;    // every second photo is the one before, with its number
+  int largest_packet = 9000;    // bytes that "the network" lets through, of a packet with its headers
+  int drop_every = 0;           // every so manyth stream packet is not sent the first time; 0 = none
+  bool deaf = false;            // resend requests are not answered
+  double exposure_step_us = 0;  // exposures are rounded to it, silently
+  int automatic = 0;            // 1: exposure stays automatic whatever is written
+  bool silent = false;          // never sends a photo
+  int lines_short = 0;          // a photo has so many lines less than it says
+  int claimed_width = 0;        // what a photo says that its width is; 0 = the truth
+  bool repeats_frame = false;   // every second photo is the one before, with its number
 };
 
 class GigeCamera {

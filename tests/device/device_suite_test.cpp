@@ -14,7 +14,7 @@
 #include "capture/device/folder.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
-#include "tests/end_to_end/gige_camera.h"
+#include "tests/device/gige_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {
@@ -122,6 +122,9 @@ struct Backend {
   const char* name;
   Bench (*plug_in)();
 };
+void PrintTo(const Backend& backend, std::ostream* to) {
+  *to << backend.name;
+}
 const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Gige", gige}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {

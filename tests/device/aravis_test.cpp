@@ -4,9 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <chrono>
+#include <cstdlib>
 
-#include "tests/end_to_end/gige_camera.h"
+#include "tests/device/gige_camera.h"
 
 namespace countershade {
 namespace {
@@ -51,7 +51,8 @@ class Aravis : public ::testing::Test {
 };
 
 TEST_F(Aravis, EveryPixelArrivesAsItWas) {
-  for (const auto& [formats, bits] : {std::pair(std::vector<std::string>{"Mono8"}, 8), {{"Mono8", "Mono12"}, 12},
+  for (const auto& [formats, bits] : {std::pair(std::vector<std::string>{"Mono8"}, 8),
+                                      {{"Mono8", "Mono12"}, 12},
                                       {{"Mono16", "Mono12", "Mono8"}, 16}}) {
     GigeOptions options;
     options.width = 320, options.height = 200, options.formats = formats;
@@ -90,6 +91,20 @@ TEST_F(Aravis, IsFoundBySerialAddressAndName) {
   EXPECT_THAT(none.error().message, HasSubstr("no camera is called 'ROOM2'; those that answer are 'ROOM1'"));
 }
 
+TEST_F(Aravis, ASecondNetworkCardDoesNotTakeItsPhotos) {
+  if (std::system("ip link add eth_a type veth peer name eth_b && ip addr add 192.168.77.1/24 dev eth_a && "
+                  "ip link set eth_a up && ip link set eth_b up") != 0)
+    GTEST_SKIP() << "there can be no second network card here";
+  plug_in();
+  for (const char* name : {"", "ROOM1"}) {
+    auto opened = open(name);
+    ASSERT_TRUE(opened) << opened.error().message;
+    ASSERT_TRUE((*opened)->arm(5));
+    const auto taken = (*opened)->trigger();
+    EXPECT_TRUE(taken) << taken.error().message;
+  }
+}
+
 TEST_F(Aravis, WithoutACameraItSaysWhatToLookAt) {
   const auto opened = open();
   ASSERT_FALSE(opened);
@@ -114,7 +129,8 @@ TEST_F(Aravis, LostPacketsAreAskedForAgain) {
 TEST_F(Aravis, PhotosWithHolesAreTakenAgainAndNeverGiven) {
   // 131 packets a photo; every 200th is lost: two of three photos have a hole that nobody fills.
   GigeOptions options;
-  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 200, options.deaf = true;
+  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 200,
+  options.deaf = true;
   plug_in(options);
   const auto camera = armed();
   ASSERT_NE(camera, nullptr);
@@ -131,7 +147,8 @@ TEST_F(Aravis, PhotosWithHolesAreTakenAgainAndNeverGiven) {
 
 TEST_F(Aravis, WhereEveryPhotoHasHolesItSaysSo) {
   GigeOptions options;
-  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 20, options.deaf = true;
+  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 20,
+  options.deaf = true;
   plug_in(options);
   const auto camera = armed();
   ASSERT_NE(camera, nullptr);
@@ -193,6 +210,18 @@ TEST_F(Aravis, APhotoThatIsSmallerThanItSaysIsNeverGiven) {
   const auto taken = camera->trigger();
   ASSERT_FALSE(taken);
   EXPECT_EQ(taken.error().code, ErrorCode::kDevice);
+}
+
+TEST_F(Aravis, APhotoThatSaysItIsLargerThanItsBytesIsNeverRead) {
+  GigeOptions options;
+  options.claimed_width = 2000000000;
+  plug_in(options);
+  auto camera = armed();
+  ASSERT_NE(camera, nullptr);
+  const auto taken = camera->trigger();
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(taken.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(taken.error().message, HasSubstr("camera 'left eye'"));
 }
 
 TEST_F(Aravis, APhotoThatComesTwiceCountsOnce) {

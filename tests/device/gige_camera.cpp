@@ -1,4 +1,4 @@
-#include "tests/end_to_end/gige_camera.h"
+#include "tests/device/gige_camera.h"
 
 #include <arpa/inet.h>
 #include <fmt/format.h>
@@ -23,12 +23,37 @@ namespace {
 
 // Bootstrap registers of GigE Vision, then ours.
 enum Register : std::uint32_t {
-  kVersion = 0x0, kMode = 0x4, kMacHigh = 0x8, kMacLow = 0xc, kAddress = 0x24, kMask = 0x34, kVendor = 0x48,
-  kModel = 0x68, kDeviceVersion = 0x88, kSerial = 0xd8, kFirstUrl = 0x200, kChannels = 0x904, kCapabilities = 0x934,
-  kHeartbeat = 0x938, kTickHigh = 0x93c, kTickLow = 0x940, kPrivilege = 0xa00, kStreamPort = 0xd00,
-  kPacketSize = 0xd04, kStreamAddress = 0xd18,
-  kWidth = 0xa100, kHeight = 0xa104, kFormat = 0xa108, kExposure = 0xa10c, kExposureAuto = 0xa110, kRun = 0xa114,
-  kTriggerMode = 0xa118, kTriggerSource = 0xa11c, kTrigger = 0xa120, kZero = 0xa124, kMode1 = 0xa128,
+  kVersion = 0x0,
+  kMode = 0x4,
+  kMacHigh = 0x8,
+  kMacLow = 0xc,
+  kAddress = 0x24,
+  kMask = 0x34,
+  kVendor = 0x48,
+  kModel = 0x68,
+  kDeviceVersion = 0x88,
+  kSerial = 0xd8,
+  kFirstUrl = 0x200,
+  kChannels = 0x904,
+  kCapabilities = 0x934,
+  kHeartbeat = 0x938,
+  kTickHigh = 0x93c,
+  kTickLow = 0x940,
+  kPrivilege = 0xa00,
+  kStreamPort = 0xd00,
+  kPacketSize = 0xd04,
+  kStreamAddress = 0xd18,
+  kWidth = 0xa100,
+  kHeight = 0xa104,
+  kFormat = 0xa108,
+  kExposure = 0xa10c,
+  kExposureAuto = 0xa110,
+  kRun = 0xa114,
+  kTriggerMode = 0xa118,
+  kTriggerSource = 0xa11c,
+  kTrigger = 0xa120,
+  kZero = 0xa124,
+  kMode1 = 0xa128,
 };
 constexpr std::uint32_t kXmlAt = 0x10000, kEnd = 0x20000;
 constexpr std::uint32_t kFireTest = 0x80000000;
@@ -36,10 +61,17 @@ constexpr int kHeaders = 28;  // of IP and UDP, which the packet size includes
 
 std::string registers_xml() {
   std::string text;
-  for (const auto& [name, address] :
-       {std::pair("WidthReg", kWidth), {"HeightReg", kHeight}, {"FormatReg", kFormat}, {"ExposureReg", kExposure},
-        {"AutoReg", kExposureAuto}, {"RunReg", kRun}, {"TriggerModeReg", kTriggerMode},
-        {"TriggerSourceReg", kTriggerSource}, {"TriggerReg", kTrigger}, {"ZeroReg", kZero}, {"ModeReg", kMode1}})
+  for (const auto& [name, address] : {std::pair("WidthReg", kWidth),
+                                      {"HeightReg", kHeight},
+                                      {"FormatReg", kFormat},
+                                      {"ExposureReg", kExposure},
+                                      {"AutoReg", kExposureAuto},
+                                      {"RunReg", kRun},
+                                      {"TriggerModeReg", kTriggerMode},
+                                      {"TriggerSourceReg", kTriggerSource},
+                                      {"TriggerReg", kTrigger},
+                                      {"ZeroReg", kZero},
+                                      {"ModeReg", kMode1}})
     text += fmt::format(
         "<IntReg Name=\"{}\"><Address>{:#x}</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort>"
         "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>\n",
@@ -82,7 +114,8 @@ std::string description(const GigeOptions& options) {
          enumeration("AcquisitionMode", {{"Continuous", 0}}, "ModeReg") +
          "<Command Name=\"AcquisitionStart\"><pValue>RunReg</pValue><CommandValue>1</CommandValue></Command>\n"
          "<Command Name=\"AcquisitionStop\"><pValue>RunReg</pValue><CommandValue>0</CommandValue></Command>\n"
-         "<Float Name=\"ExposureTime\"><pValue>ExposureReg</pValue><Min>10</Min><Max>1000000</Max><Unit>us</Unit></Float>\n" +
+         "<Float "
+         "Name=\"ExposureTime\"><pValue>ExposureReg</pValue><Min>10</Min><Max>1000000</Max><Unit>us</Unit></Float>\n" +
          enumeration("ExposureAuto", {{"Off", 0}, {"Continuous", 1}}, "AutoReg") +
          enumeration("TriggerSelector", {{"FrameStart", 0}}, "ZeroReg") +
          enumeration("TriggerMode", {{"Off", 0}, {"On", 1}}, "TriggerModeReg") +
@@ -185,7 +218,9 @@ void GigeCamera::State::send_packet(unsigned id, bool again) {
     put16(p.data() + 10, 1);
     put32(p.data() + 12, static_cast<std::uint32_t>(taken_ns >> 32));
     put32(p.data() + 16, static_cast<std::uint32_t>(taken_ns));
-    put32(p.data() + 20, get(kFormat)), put32(p.data() + 24, get(kWidth)), put32(p.data() + 28, get(kHeight));
+    put32(p.data() + 20, get(kFormat)),
+        put32(p.data() + 24, options.claimed_width > 0 ? options.claimed_width : get(kWidth)),
+        put32(p.data() + 28, get(kHeight));
   } else if (id == last_packet()) {
     p.resize(16);
     p[4] = 2;
@@ -269,7 +304,9 @@ void GigeCamera::serve() {
     unsigned size = 0;
     std::vector<std::pair<std::uint32_t, std::uint32_t>> writes;
     switch (command) {
-      case 0x0002: std::copy_n(s.space.begin(), size = 0xf8, out + 8); break;
+      case 0x0002:
+        std::copy_n(s.space.begin(), size = 0xf8, out + 8);
+        break;
       case 0x0080:
         for (; size + 4 <= length; size += 4) {
           const std::uint32_t at = get32(data + size);
@@ -292,10 +329,12 @@ void GigeCamera::serve() {
         break;
       case 0x0040:
         if (!s.options.deaf && get16(data + 2) == s.block)
-          for (unsigned id = get32(data + 4) & 0xffffff; id <= std::min(get32(data + 8) & 0xffffff, s.last_packet()); ++id)
+          for (unsigned id = get32(data + 4) & 0xffffff; id <= std::min(get32(data + 8) & 0xffffff, s.last_packet());
+               ++id)
             s.send_packet(id, true), ++resent_;
         continue;
-      default: continue;
+      default:
+        continue;
     }
     put16(out + 2, command + 1), put16(out + 4, size), put16(out + 6, get16(in + 6));
     // A trigger is acknowledged before the exposure; other settings count once they are acknowledged.
