@@ -28,16 +28,16 @@ struct AravisOptions {
 };
 
 // Opens a camera by serial number, IP address or name; an empty `device` is the only one there is. GigE cameras are
-// opened by their address, since with two network cards one that is opened by name is found and sends nothing. The
+// opened by their address, since with two network cards one that is opened by name may be found and send nothing. The
 // format with the most grey values is chosen (pixel_format.h), packets are as large as the network lets through.
 //
-// arm() switches automatic exposure, gain, white balance and gamma off and reads back what it has set: an exposure
-// outside the camera's range is kBadValue (names the range), one that the camera changes by more than 1 % kDevice
-// (names both). trigger() drops photos of the past, asks for one, and returns it only if it is whole: one with holes,
-// or that does not come, is taken again, `tries` times in all. Errors of trigger(): kDevice: the camera is gone; no
-// photo came (firewall, network card, trigger), or none was whole (packet size, cable); its photo is not as large as it
-// says. Errors: kDevice: none found, several and none named (lists them), another program has it; kUnsupported without
-// Aravis.
+// Opening switches automatic exposure, gain, white balance, black level and gamma off, and reads back what it has set.
+// arm(): an exposure outside the camera's range is kBadValue (names the range), one that the camera changes by more
+// than 1 % kDevice (names both). trigger() drops photos of the past, asks for one, and returns it only if it is whole:
+// one with holes, or that does not come, is taken again, `tries` times in all. Errors of trigger(): kDevice: the camera
+// is gone; no photo came (firewall, network card, trigger), or none was whole (packet size, cable); its photo is not as
+// large as it says. Errors: kDevice: none found, several and none named (lists them), another program has it;
+// kUnsupported without Aravis.
 Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const std::string& device,
                                                    const AravisOptions& options = {});
 
