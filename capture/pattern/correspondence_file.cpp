@@ -1,5 +1,7 @@
 // How correspondences are stored and looked at.
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
@@ -32,6 +34,14 @@ std::map<std::string, double> Correspondence::rejected() const {
     if (is_lit && counts[number] > 0) shares[name] = static_cast<double>(counts[number]) / static_cast<double>(lit);
   }
   return shares;
+}
+
+double Correspondence::expected_wrong() const {
+  double sum = 0;
+  for (std::size_t i = 0; i < reason.data().size(); ++i)
+    if (reason.data()[i] == static_cast<std::uint8_t>(Reason::kAccepted))
+      sum += std::erfc(1 / (std::numbers::sqrt2 * sigma.data()[i]));
+  return accepted ? sum / static_cast<double>(accepted) : 0;
 }
 
 Result<void> write_correspondence(const std::filesystem::path& folder, const Correspondence& c) {

@@ -43,6 +43,8 @@ struct Correspondence {
   std::size_t lit = 0, accepted = 0;  // pixels that are neither dark nor lit indirectly only, and those decoded
   // Share of the lit pixels that each reason has rejected, where it has any; by name.
   std::map<std::string, double> rejected() const;
+  // Share of the accepted pixels that are more than 1 px off, if their errors are normal with their sigma.
+  double expected_wrong() const;
 };
 
 struct DecodeOptions {

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <optional>
 #include <vector>
 
@@ -13,6 +14,8 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kRadius = 4;
+constexpr int kDarkReach = 4;       // camera px
+constexpr double kMostBlur = 3;     // camera px: what falls more slowly is shading
 constexpr int kFewest = 10;         // neighbours that make a plane
 constexpr float kPulled = 0.1f;     // camera px: of less, sigma hardly knows
 constexpr double kReach = 1.5;      // projector px: a neighbour farther off is on another surface
@@ -60,39 +63,78 @@ std::optional<Prediction> predict(std::vector<Neighbour>& neighbours) {
   return std::nullopt;
 }
 
-// Whether a pixel within two is not lit: the pixel may be lit in part only. (Between two lit surfaces it is not, and
-// the brighter one would speak for the other.)
-bool beside_darkness(const Mask& reason, int x, int y) {
-  for (int v = std::max(0, y - 2); v <= std::min(reason.height() - 1, y + 2); ++v)
-    for (int u = std::max(0, x - 2); u <= std::min(reason.width() - 1, x + 2); ++u) {
-      const auto why = static_cast<Reason>(reason.at(u, v));
-      if (why == Reason::kDark || why == Reason::kIndirect) return true;
-    }
-  return false;
+float brightest_around(const Image& contrast, int x, int y, int reach) {
+  float brightest = 0;
+  for (int ny = std::max(0, y - reach); ny <= std::min(contrast.height() - 1, y + reach); ++ny)
+    for (int nx = std::max(0, x - reach); nx <= std::min(contrast.width() - 1, x + reach); ++nx)
+      brightest = std::max(brightest, contrast.row(ny)[nx]);
+  return brightest;
+}
+
+// z of Phi(z) = share, by bisection: good to 1e-3, asked at borders only.
+double normal_quantile(double share) {
+  double low = -4, high = 4;
+  for (int i = 0; i < 13; ++i) {
+    const double middle = 0.5 * (low + high);
+    (0.5 * std::erfc(-middle / std::numbers::sqrt2) < share ? low : high) = middle;
+  }
+  return 0.5 * (low + high);
 }
 
 }  // namespace
 
 float pull_of_surroundings(const Image& contrast, int x, int y) {
-  float brightest = 0;
-  for (int ny = std::max(0, y - 2); ny <= std::min(contrast.height() - 1, y + 2); ++ny)
-    for (int nx = std::max(0, x - 2); nx <= std::min(contrast.width() - 1, x + 2); ++nx)
-      brightest = std::max(brightest, contrast.row(ny)[nx]);
-  return 0.8f * std::max(0.0f, 1 - 1.1f * contrast.at(x, y) / brightest);
+  return 0.8f * std::max(0.0f, 1 - 1.1f * contrast.at(x, y) / brightest_around(contrast, x, y, 2));
+}
+
+// Whether a pixel may be lit in part only. (Between two lit surfaces it is not, and the brighter one would speak for
+// the other.)
+Mask beside_darkness(const Mask& reason) {
+  const int width = reason.width(), height = reason.height();
+  Mask along(width, height, 1), beside(width, height, 1);
+  parallel_for(height, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const auto why = static_cast<Reason>(reason.at(x, y));
+      if (why != Reason::kDark && why != Reason::kIndirect) continue;
+      for (int u = std::max(0, x - kDarkReach); u <= std::min(width - 1, x + kDarkReach); ++u) along.at(u, y) = 1;
+    }
+  });
+  parallel_for(height, [&](int y) {
+    for (int v = std::max(0, y - kDarkReach); v <= std::min(height - 1, y + kDarkReach); ++v)
+      for (int x = 0; x < width; ++x) beside.at(x, y) |= along.at(x, v);
+  });
+  return beside;
+}
+
+float pull_beside_darkness(const Image& contrast, int x, int y) {
+  const float least = pull_of_surroundings(contrast, x, y), brightest = brightest_around(contrast, x, y, kRadius);
+  const double share = std::clamp<double>(contrast.at(x, y) / brightest, 0.02, 0.98), z = normal_quantile(share);
+  const auto fall = [&](int dx, int dy) {
+    const int x0 = std::max(0, x - dx), x1 = std::min(contrast.width() - 1, x + dx);
+    const int y0 = std::max(0, y - dy), y1 = std::min(contrast.height() - 1, y + dy);
+    return (contrast.at(x1, y1) - contrast.at(x0, y0)) / (brightest * static_cast<float>(x1 - x0 + y1 - y0));
+  };
+  const double density = std::exp(-0.5 * z * z) / std::sqrt(2 * std::numbers::pi);
+  const double blur = density / std::hypot(fall(1, 0), fall(0, 1));
+  if (!(blur < kMostBlur)) return least;
+  return std::max(least, static_cast<float>(blur * density / share));
 }
 
 void join_half_lit(AxisReading& reading) {
   const int width = reading.q.width(), height = reading.q.height();
+  const Mask dark = beside_darkness(reading.reason);
   Image pull(width, height, 1);
   parallel_for(height, [&](int y) {
     for (int x = 0; x < width; ++x)
-      if (!reading.reason.at(x, y)) pull.at(x, y) = pull_of_surroundings(reading.contrast, x, y);
+      if (!reading.reason.at(x, y))
+        pull.at(x, y) =
+            dark.at(x, y) ? pull_beside_darkness(reading.contrast, x, y) : pull_of_surroundings(reading.contrast, x, y);
   });
   const Image q = reading.q, sigma = reading.sigma;
   parallel_for(height, [&](int y) {
     std::vector<Neighbour> neighbours;
     for (int x = 0; x < width; ++x) {
-      if (reading.reason.at(x, y) || pull.at(x, y) < kPulled || !beside_darkness(reading.reason, x, y)) continue;
+      if (reading.reason.at(x, y) || pull.at(x, y) < kPulled || !dark.at(x, y)) continue;
       neighbours.clear();
       for (int v = std::max(0, y - kRadius); v <= std::min(height - 1, y + kRadius); ++v)
         for (int u = std::max(0, x - kRadius); u <= std::min(width - 1, x + kRadius); ++u) {

@@ -311,8 +311,9 @@ bool completes(float q, std::size_t i, const AxisReading& reading) {
          confirmed(q, reading.code[i], reading.uncertain[i], reading);
 }
 
-void widen_by_surroundings(AxisReading& reading, int x, int y, float gx, float gy) {
-  const float pull = pull_of_surroundings(reading.contrast, x, y);
+void widen_by_surroundings(AxisReading& reading, const Mask& dark, int x, int y, float gx, float gy) {
+  const float pull =
+      dark.at(x, y) ? pull_beside_darkness(reading.contrast, x, y) : pull_of_surroundings(reading.contrast, x, y);
   float& sigma = reading.sigma.at(x, y);
   sigma = std::sqrt(sigma * sigma + pull * pull * (gx * gx + gy * gy));
 }
@@ -531,6 +532,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
     if (reading.reason.data()[i]) judges.data()[i] = kNaN;
   const Field field(raw), judging(judges);
   const Slopes slopes(judging);
+  const Mask dark = beside_darkness(reading.reason);
   parallel_for(raw.height(), [&](int y) {
     for (int x = 0; x < raw.width(); ++x) {
       const std::size_t i = static_cast<std::size_t>(y) * raw.width() + x;
@@ -554,7 +556,7 @@ void check_by_neighbours(AxisReading& reading, const Image& other) {
             const int agree = agreeing(w, q, gx, gy, reach);
             if (agree < 6 || static_cast<float>(agree) < least * static_cast<float>(w.count)) continue;
             reading.q.data()[i] = q, why = Reason::kAccepted;
-            widen_by_surroundings(reading, x, y, gx, gy);
+            widen_by_surroundings(reading, dark, x, y, gx, gy);
           }
           if (why == Reason::kAccepted) break;
         }

@@ -337,6 +337,16 @@ TEST(WriteCorrespondence, IsReadBackEqual) {
   EXPECT_EQ(names.size(), reason_names().size());
 }
 
+TEST(ExpectedWrong, IsTheShareOfNormalErrorsBeyondAPixel) {
+  Correspondence c;
+  c.sigma = Image(4, 1, 1, 0.5f), c.reason = Mask(4, 1, 1);
+  c.reason.at(3, 0) = static_cast<std::uint8_t>(Reason::kPhase), c.sigma.at(3, 0) = std::nanf("");
+  c.accepted = 3;
+  EXPECT_NEAR(c.expected_wrong(), 0.0455, 1e-4);  // two sigma
+  c.sigma.at(0, 0) = 1, c.sigma.at(1, 0) = 0.1f;
+  EXPECT_NEAR(c.expected_wrong(), (0.3173 + 0.0455) / 3, 1e-4);
+}
+
 TEST(WriteReasonPicture, GivesEachReasonItsColour) {
   fake::Scratch scratch("reasons");
   Correspondence c;

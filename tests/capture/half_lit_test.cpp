@@ -128,5 +128,40 @@ TEST(HalfLit, ASeamBetweenSurfacesStays) {
   for (int y = 5; y < 25; ++y) EXPECT_FLOAT_EQ(reading.sigma.at(20, y), 0.8f) << y;
 }
 
+// A picture that ends at column 20.3, blurred: what a pixel gets is Phi, and the middle of it is known in closed form.
+TEST(PullBesideDarkness, IsHowFarTheMiddleOfBlurredLightLies) {
+  for (const double blur : {0.6, 1.2, 2.5}) {
+    Image contrast(40, 5, 1);
+    const auto share = [&](double x) { return 0.5 * std::erfc((x - 20.3) / blur / std::sqrt(2.0)); };
+    for (int y = 0; y < 5; ++y)
+      for (int x = 0; x < 40; ++x) contrast.at(x, y) = static_cast<float>(0.4 * share(x));
+    for (int x = static_cast<int>(20.3 - 1.5 * blur); x < 20.3 + blur; ++x) {
+      const double z = (20.3 - x) / blur;
+      const double off = blur * std::exp(-0.5 * z * z) / std::sqrt(2 * M_PI) / share(x);
+      // Differences over two pixels know the fall of a narrow blur only roughly, and too small rather than too large.
+      EXPECT_GT(pull_beside_darkness(contrast, x, 2), 0.85 * off - 0.02) << blur << " " << x;
+      EXPECT_LT(pull_beside_darkness(contrast, x, 2), (blur < 1 ? 2.2 : 1.35) * off) << blur << " " << x;
+    }
+  }
+}
+
+TEST(PullBesideDarkness, ShadingIsNoBlur) {
+  Image contrast(40, 5, 1);
+  for (int y = 0; y < 5; ++y)
+    for (int x = 0; x < 40; ++x) contrast.at(x, y) = 0.4f - 0.008f * static_cast<float>(x);
+  for (int x = 5; x < 35; ++x)
+    EXPECT_EQ(pull_beside_darkness(contrast, x, 2), pull_of_surroundings(contrast, x, 2)) << x;
+}
+
+TEST(BesideDarkness, ReachesFourPixelsFromWhatIsNotLit) {
+  Mask reason(20, 20, 1);
+  reason.at(9, 10) = static_cast<std::uint8_t>(Reason::kDark);
+  reason.at(3, 3) = static_cast<std::uint8_t>(Reason::kPhase);  // lit
+  const Mask beside = beside_darkness(reason);
+  for (int y = 0; y < 20; ++y)
+    for (int x = 0; x < 20; ++x)
+      EXPECT_EQ(beside.at(x, y), std::max(std::abs(x - 9), std::abs(y - 10)) <= 4) << x << " " << y;
+}
+
 }  // namespace
 }  // namespace countershade::capture

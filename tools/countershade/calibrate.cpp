@@ -21,7 +21,9 @@ std::string text_of(const CalibrationSummary& s, const fs::path& out) {
   std::string text;
   for (const DecodeSummary& d : s.decoded)
     text += fmt::format("decoded {:<12} {:5.1f} % of {} lit pixels{}\n", d.projector, 100 * d.accepted, d.lit,
-                        d.judged ? fmt::format("; wrong by held-out patterns: {:.3f} %", 100 * d.wrong) : "") +
+                        d.judged ? fmt::format("; wrong by held-out patterns: {:.3f} %, by sigma {:.3f} %",
+                                               100 * d.wrong, 100 * d.expected_wrong)
+                                 : "") +
             (d.rejected.empty() ? "" : "  rejected: " + rejected_text(d.rejected) + "\n");
   for (std::size_t q = 0; q < s.reprojection_px.size(); ++q)
     text += fmt::format("reprojection {:<7} {:.3f} px rms\n", s.decoded[q].projector, s.reprojection_px[q]);

@@ -56,7 +56,7 @@ Result<void> keep_decoded(const std::vector<Correspondence>& all, const fs::path
     CS_TRY_VOID(capture::write_correspondence(folder, c));
     CS_TRY_VOID(capture::write_reason_picture(folder / (c.camera + "-" + c.projector + "-reasons.png"), c));
     summary.decoded[q].accepted = c.lit ? static_cast<double>(c.accepted) / static_cast<double>(c.lit) : 0;
-    summary.decoded[q].rejected = c.rejected();
+    summary.decoded[q].expected_wrong = c.expected_wrong(), summary.decoded[q].rejected = c.rejected();
   }
   return {};
 }
@@ -83,6 +83,13 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
           "reasons picture, and capture again with --code xor-04",
           summary.decoded[q].projector, 100 * audits[q].wrong(), 100 * kMostWrong));
   }
+  for (const Correspondence& c : all)
+    if (c.expected_wrong() > kMostWrong)
+      summary.notes.push_back(fmt::format(
+          "projector '{}': by their sigma {:.2f} % of its codes are more than 1 px off (bound {:.2f} %): the stripes "
+          "are out "
+          "of focus, too fine for the camera, or too weak there; focus both, bring the camera nearer, or expose longer",
+          c.projector, 100 * c.expected_wrong(), 100 * kMostWrong));
   CS_TRY(const capture::Unread unread, capture::unread_pixels(session.sequence(), photos, all));
   if (unread.clear > 1000 && unread.share() > kMostUnread)
     summary.notes.push_back(fmt::format(
@@ -349,6 +356,7 @@ json summary_json(const CalibrationSummary& s) {
                        {"accepted_share", d.accepted},
                        {"judged_pixels", d.judged},
                        {"wrong_share", d.wrong},
+                       {"expected_wrong_share", d.expected_wrong},
                        {"rejected_share", d.rejected}});
   return {{"format_version", kFormat},
           {"decoded", decoded},
@@ -371,7 +379,8 @@ CalibrationSummary summary_from(const json& j) {
   CalibrationSummary s;
   for (const json& d : j.at("decoded"))
     s.decoded.push_back({d.at("projector"), d.at("accepted_share"), d.at("lit_pixels"), d.value("judged_pixels", 0ul),
-                         d.value("wrong_share", 0.0), d.value("rejected_share", std::map<std::string, double>())});
+                         d.value("wrong_share", 0.0), d.value("expected_wrong_share", 0.0),
+                         d.value("rejected_share", std::map<std::string, double>())});
   s.has_geometry = j.at("has_geometry");
   s.has_model = j.at("has_model");
   s.reprojection_px = j.at("reprojection_rms_px").get<std::vector<double>>();

@@ -27,8 +27,9 @@ struct DecodeSummary {
   std::string projector;
   double accepted = 0;  // share of the lit pixels
   std::size_t lit = 0;
-  std::size_t judged = 0;  // accepted pixels that the photometric block patterns, which decoding does not see, judge
-  double wrong = 0;        // share of wrong codes among them (capture/diagnose/held_out.h)
+  std::size_t judged = 0;     // accepted pixels that the photometric block patterns, which decoding does not see, judge
+  double wrong = 0;           // share of wrong codes among them (capture/diagnose/held_out.h)
+  double expected_wrong = 0;  // share that is more than 1 px off, by their sigma
   std::map<std::string, double> rejected;  // by reason: share of the lit pixels
 };
 

@@ -11,32 +11,39 @@ namespace countershade::tools {
 
 namespace {
 
-// Cameras that photograph what monitors of this computer show.
-Result<capture::Devices> open_real(const Rig& rig) {
-  capture::Devices devices;
+// What no camera could see, or nobody could trigger, before anything is opened.
+Result<void> check_real(const Rig& rig) {
   for (const CameraSpec& camera : rig.cameras) {
     if (camera.backend == "simulated")
-      return error(
-          ErrorCode::kBadValue,
-          "camera '{}' is simulated, another one of the rig is not: none would see the other's light; state one "
-          "backend",
-          camera.id);
+      return error(ErrorCode::kBadValue,
+                   "camera '{}' is simulated, another one of the rig is not: none would see the other's light; state "
+                   "one backend for all",
+                   camera.id);
     if (camera.backend != "aravis")
       return error(ErrorCode::kDevice,
                    "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
                    "`countershade patterns` writes by hand and use `countershade import`",
                    camera.id, camera.backend);
+  }
+  for (const ProjectorSpec& p : rig.projectors)
+    if (p.output != "window")
+      return error(ErrorCode::kBadValue,
+                   "projector '{}': output = \"{}\" lights nothing that camera '{}' could see; set output = \"window\" "
+                   "and monitor as `countershade devices` lists it",
+                   p.id, p.output, rig.cameras[0].id);
+  return {};
+}
+
+// Cameras that photograph what monitors of this computer show.
+Result<capture::Devices> open_real(const Rig& rig) {
+  CS_TRY_VOID(check_real(rig));
+  capture::Devices devices;
+  for (const CameraSpec& camera : rig.cameras) {
     CS_TRY(auto opened, capture::open_aravis_camera(camera.id, camera.device));
     devices.cameras.push_back(std::move(opened));
   }
   int left = 0;  // of windows that have no monitor
   for (const ProjectorSpec& p : rig.projectors) {
-    if (p.output != "window")
-      return error(
-          ErrorCode::kBadValue,
-          "projector '{}': output = \"{}\" lights nothing that camera '{}' could see; set output = \"window\" and "
-          "monitor as `countershade devices` lists it",
-          p.id, p.output, rig.cameras[0].id);
     CS_TRY(auto opened, capture::open_window_projector(p.id, p.resolution[0], p.resolution[1], p.monitor,
                                                        "countershade " + p.id, left));
     if (p.monitor.empty()) left += p.resolution[0];
