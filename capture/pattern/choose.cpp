@@ -123,31 +123,6 @@ double lost_by_phase(const std::vector<Sample>& lit, const NoiseModel& noise, do
   return lost / static_cast<double>(lit.size());
 }
 
-double lost_by_narrow_stripes(const std::vector<Sample>& lit, const NoiseModel& noise) {
-  constexpr double kResolved = 0.7;  // of the amplitude of 16 px is left at 4 to 8 px
-  double lost = 0;
-  for (const Sample& s : lit) {
-    const double swing = 2 * kResolved * s.weaker(), sigma = std::numbers::sqrt2 * noise.sigma(s.offset[0]);
-    const bool seen = swing > 0.15 * s.range();
-    lost += seen ? 1 - normal_cdf((swing - 3 * sigma) / sigma) : 1;
-  }
-  return lost / static_cast<double>(lit.size());
-}
-
-double lost_by_gray(const std::vector<Sample>& lit, const NoiseModel& noise) {
-  double lost = 0;
-  for (const Sample& s : lit) {
-    // A coarse bit differs by direct - unbalance * indirect >= 1 - 1.8 direct (decode). How unevenly a coarse pattern
-    // excites the indirect light is not known before: a quarter more on one side than on the other, give or take as
-    // much.
-    const double unbalance = 0.25 * (1 - s.direct());
-    const double margin = s.direct() - unbalance - (1 - 1.8 * s.direct());
-    const double noisy = std::numbers::sqrt2 * noise.sigma(s.offset[0]) / s.range();
-    lost += 1 - normal_cdf(margin / std::hypot(unbalance, noisy));
-  }
-  return lost / static_cast<double>(lit.size());
-}
-
 // sigma [px] per noise / amplitude: sqrt(2 / sum of omega^2) over the frames of an axis.
 double sigma_of(const std::vector<Role>& code, const std::vector<Role>& base) {
   double information = 0;
@@ -198,18 +173,14 @@ Result<CodeChoice> choose_code(const Sequence& sequence, const PhotoSource& phot
     if (id == projector) spec.resolution = size;
   const std::vector<Role> base = base_roles(spec);
   const double indirect = (1 - choice.direct) / choice.direct;
-  for (const char* code : {"micro-phase", "micro-phase-9", "gray", "xor-04"}) {
+  for (const char* code : {"micro-phase", "micro-phase-9"}) {
     CS_TRY(const std::vector<Role> roles, code_roles(code, spec));
     CodeForecast forecast;
     forecast.code = code;
     for (const Role& r : roles) forecast.frames += std::find(base.begin(), base.end(), r) == base.end();
     forecast.sigma_px = sigma_of(roles, base) * choice.noise;
     forecast.bias_px = 0.08 * std::pow(16.0 / 80, 1.8) * indirect;  // PHYSICS 8: .08 px at 80 px where both are equal
-    forecast.lost =
-        roles[0].kind == "phase"
-            ? lost_by_phase(lit, noise, distance_of(roles, std::max(spec.resolution[0], spec.resolution[1])))
-        : forecast.code == "gray" ? lost_by_gray(lit, noise)
-                                  : lost_by_narrow_stripes(lit, noise);
+    forecast.lost = lost_by_phase(lit, noise, distance_of(roles, std::max(spec.resolution[0], spec.resolution[1])));
     forecast.good = forecast.lost <= options.most_lost && forecast.sigma_px <= options.most_sigma_px &&
                     forecast.bias_px <= options.most_bias_px;
     choice.forecasts.push_back(forecast);

@@ -30,19 +30,14 @@ struct ChoiceOptions {
   double most_lost = 0.01, most_sigma_px = 0.3, most_bias_px = 0.05;
 };
 
-// The cheapest code that is predicted to stay below the bounds; where none does, the one that loses least. `sequence`
-// has the frames of base_roles. Per pixel, the three shifts give offset O and amplitude A of the finest sinusoid, the
-// direct share is 2 A / (white - black), and noise comes from O of one axis against O of the other, which are the same
-// light:
-//   micro phase   unwraps where distance * A / sigma(O) exceeds what kClearOdds asks for (read_phase); sigma from the
-//   Fisher
-//                 information of its frames
-//   xor           reads a bit where a narrow stripe is three sigma of the difference
-//   gray          reads a coarse bit where direct light decides it against what the pattern leaves unbalanced of the
-//   indirect
-//                 light (PHYSICS 8)
-// and the mean bias grows with the period as PHYSICS 8 has it, times indirect over direct light.
-// Errors: those of PhotoSource; kRefused where the projector modulates no pixel.
+// The cheaper of the two codes of short sinusoids (micro-phase, micro-phase-9) that is predicted to stay below the
+// bounds; where none does, the one that loses less. Stripes are no candidates: the study `pre-scan` found no room where
+// Gray or XOR codes keep more pixels, at three times the frames. `sequence` has the frames of base_roles. Per pixel,
+// the three shifts give offset O and amplitude A of the finest sinusoid, the direct share is 2 A / (white - black), and
+// noise comes from O of one axis against O of the other, which are the same light: a code unwraps a pixel where
+// distance * A / sigma(O) exceeds what kClearOdds asks for (read_phase), distance being that of its closest two
+// columns; sigma is from the Fisher information of its frames, and the mean bias grows with the period as PHYSICS 8 has
+// it, times indirect over direct light. Errors: those of PhotoSource; kRefused where the projector modulates no pixel.
 Result<CodeChoice> choose_code(const Sequence& sequence, const PhotoSource& photos, const std::string& projector,
                                const ChoiceOptions& options);
 

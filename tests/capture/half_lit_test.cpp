@@ -138,8 +138,9 @@ TEST(PullBesideDarkness, IsHowFarTheMiddleOfBlurredLightLies) {
     for (int x = static_cast<int>(20.3 - 1.5 * blur); x < 20.3 + blur; ++x) {
       const double z = (20.3 - x) / blur;
       const double off = blur * std::exp(-0.5 * z * z) / std::sqrt(2 * M_PI) / share(x);
-      // Differences over two pixels know the fall of a narrow blur only roughly, and too small rather than too large.
-      EXPECT_GT(pull_beside_darkness(contrast, x, 2), 0.85 * off - 0.02) << blur << " " << x;
+      // Differences over two pixels find the fall of a narrow blur too slow; of a wide one, four pixels do not reach
+      // full light.
+      EXPECT_GT(pull_beside_darkness(contrast, x, 2), 0.8 * off - 0.02) << blur << " " << x;
       EXPECT_LT(pull_beside_darkness(contrast, x, 2), (blur < 1 ? 2.2 : 1.35) * off) << blur << " " << x;
     }
   }

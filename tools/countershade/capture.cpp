@@ -108,7 +108,7 @@ Result<Answer> run_import(const Options& options, const Context& context) {
 void add_code(CLI::App* verb, Options& options) {
   verb->add_option("--code", options.code,
                    "how projector pixels are told apart: auto (the cheapest that the first photos say will do), gray, "
-                   "xor-02, xor-04, micro-phase, micro-phase-9, phase")
+                   "xor-02, xor-04, micro-phase, micro-phase-9, embedded, phase")
       ->capture_default_str();
 }
 

@@ -80,7 +80,7 @@ Result<std::vector<Correspondence>> decode_all(const Session& session, const Cam
       summary.notes.push_back(fmt::format(
           "projector '{}': block patterns that decoding has not seen contradict {:.2f} % of its pixels (bound "
           "{:.2f} %): something moved during the capture, or the code does not suit the room; look at its "
-          "reasons picture, and capture again with --code xor-04",
+          "reasons picture, and capture again with --code micro-phase-9",
           summary.decoded[q].projector, 100 * audits[q].wrong(), 100 * kMostWrong));
   }
   for (const Correspondence& c : all)

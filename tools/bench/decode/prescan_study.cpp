@@ -63,8 +63,8 @@ Result<std::vector<Tried>> try_codes(const DecodeRig& rig, int q, const capture:
   std::vector<Tried> tried;
   Rig alone = rig.rig();
   alone.projectors = {rig.rig().projectors[q]};
-  for (const capture::CodeForecast& f : choice.forecasts) {
-    CS_TRY(const Sequence whole, capture::sequence_with(alone, {f.code}));
+  for (const char* code : {"micro-phase", "micro-phase-9", "gray", "xor-04"}) {
+    CS_TRY(const Sequence whole, capture::sequence_with(alone, {code}));
     std::vector<Role> roles;
     for (const Frame& frame : whole.frames)
       if (frame.role.kind != "blocks" && frame.role.kind != "held-out" && !frame.role.projector.empty())
@@ -74,7 +74,9 @@ Result<std::vector<Tried>> try_codes(const DecodeRig& rig, int q, const capture:
     const auto source = [&](int index) -> Result<Photo> { return taken.photos[index]; };
     const auto decoded =
         capture::decode_frames(taken.sequence, source, rig.rig().cameras[0].id, choice.projector, {}, quiet);
-    Tried t{f.code, f.frames, f.lost, 1, 1};
+    Tried t{code, static_cast<int>(roles.size()) - 8, std::nan(""), 1, 1};
+    for (const capture::CodeForecast& f : choice.forecasts)
+      if (f.code == code) t.forecast = f.lost;
     if (decoded) {
       const DecodeScore s = score_decode(rig.truth(), q, *decoded);
       t.lost = 1 - s.coverage(), t.error = error_of(s);
@@ -125,8 +127,8 @@ Result<Study> pre_scan(const StudyContext& context) {
     for (const Tried& t : tried) {
       const bool is_chosen = t.code == choice->code;
       study.rows.push_back({fmt::format("{}", number), drawn.what, t.code, fmt::format("{}", t.frames),
-                            fmt::format("{:.2f}", 100 * t.forecast), fmt::format("{:.2f}", 100 * t.lost),
-                            fmt::format("{:.3f}", t.error), is_chosen ? "yes" : "",
+                            std::isfinite(t.forecast) ? fmt::format("{:.2f}", 100 * t.forecast) : "-",
+                            fmt::format("{:.2f}", 100 * t.lost), fmt::format("{:.3f}", t.error), is_chosen ? "yes" : "",
                             is_chosen ? fine ? "yes" : "NO" : ""});
     }
   }

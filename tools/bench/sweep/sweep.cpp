@@ -267,7 +267,6 @@ Result<Study> run_sweep(const Sweep& sweep, bool quick, const StudyContext& cont
       decoding ? "the code that the scene chooses; truth is the view before anything moved, of several projectors the "
                  "worst"
                : "picture `photo`; residuals are the simulator's own light, without noise"));
-  if (!sweep.known_silent.empty()) study.notes.push_back("known to be silent: " + sweep.known_silent);
   study.labels = {{"unit", sweep.unit},
                   {"predictor", sweep.predictor_name},
                   {"bound", fmt::format("{}", decoding ? sweep.bounds.wrong_percent : sweep.bounds.residual_percent)}};

@@ -53,7 +53,6 @@ struct Sweep {
   Result<double> (*predictor)(const PredictorInput&, Progress&);
   std::vector<SweepSeries> series;
   SweepBounds bounds;
-  std::string known_silent;  // where the program is known to be wrong in silence, and why; empty: nowhere
   Judged judged = Judged::kShow;
 };
 

@@ -97,8 +97,7 @@ Sweep noise() {
         {0.392, 0.787, 1.587, 3.226},
         {1.587},
         [=](double v, SweepSetting& s) { camera(s).bits = static_cast<int>(std::lround(std::log2(100 / v + 1))); }}},
-      {},
-      ""};
+      {}};
 }
 
 // ---- veiling glare ----
@@ -169,8 +168,7 @@ Sweep gamma() {
             [](double ratio, SweepSetting& s) {
               for (ProjectorSpec& p : s.room.rig.projectors) p.response = fmt::format("gamma:{:.4f}", 2.2 / ratio);
             }}},
-          {},
-          ""};
+          {}};
 }
 
 // ---- geometry ----
@@ -253,8 +251,7 @@ Sweep geometry() {
               const double px = percent / 100 * s.lens.lens.width();
               spoil_lens(s, 1, 0.8 * px, -0.6 * px);
             }}},
-          {},
-          ""};
+          {}};
 }
 
 // ---- a frame off by one ----
@@ -316,8 +313,7 @@ Sweep frames() {
               const int count = static_cast<int>(std::lround(frames * percent / 100));
               for (int i = 0; i < count; ++i) add_fault(s, "duplicated-frame", 1, static_cast<int>(frames) - 1 - i);
             }}},
-          {},
-          ""};
+          {}};
 }
 
 // ---- rooms of all kinds ----
@@ -346,8 +342,7 @@ Sweep rooms() {
           "share of the plain show's light that has bounced, %",
           bounced_share,
           std::move(series),
-          {},
-          ""};
+          {}};
 }
 
 }  // namespace
