@@ -234,7 +234,7 @@ Sweep defocus() {
           blur_over_period,
           {{"projector, everywhere",
             {0.5, 3, 5, 6, 8},
-            {5},
+            {3, 5},
             [](double v, SweepSetting& s) { alone(s), s.room.simulation.projectors[0].defocus_sigma_px = v; }},
            {"projector aslant, in focus at the near end",
             {3, 6, 9},
