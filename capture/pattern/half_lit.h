@@ -17,6 +17,8 @@ Mask beside_darkness(const Mask& reason);
 // that falls there by g per pixel of its full value: f = Phi(z), g = phi(z) / b, and the light's middle is
 // b phi(z) / f off. Both are measured, so blur of projector and camera need not be known. At least
 // pull_of_surroundings; that alone where the fall is too slow to be blur (shading).
+// The fall is taken over two pixels, so of a blur below one pixel the pull comes out up to twice too large; where a
+// camera pixel is many projector pixels that proved better than the exact one.
 float pull_beside_darkness(const Image& contrast, int x, int y);
 
 // Accepted readings beside pixels that are not lit, pulled (as their sigma says already) because half of their light is

@@ -47,6 +47,26 @@ class Aravis : public ::testing::Test {
     EXPECT_TRUE(arm) << (arm ? "" : arm.error().message);
     return std::move(*opened);
   }
+  // Photos that are asked for arrive whole, pixel for pixel, of `bits` bits.
+  static void expect_whole(Camera& camera, int photos, int bits = 16) {
+    for (int photo = 0; photo < photos; ++photo) {
+      const auto taken = camera.trigger();
+      ASSERT_TRUE(taken) << taken.error().message;
+      EXPECT_EQ(taken->counter, static_cast<std::uint64_t>(photo));
+      EXPECT_EQ(taken->full_scale, (1 << bits) - 1);
+      EXPECT_EQ(taken->exposure_ms, 5);
+      ASSERT_TRUE(taken->values.same_size(kWidth, kHeight));
+      for (std::size_t i = 0; i < taken->values.data().size(); ++i)
+        ASSERT_EQ(taken->values.data()[i], value_of(i) >> (16 - bits)) << bits << " " << i;
+    }
+  }
+  // A camera of many packets.
+  static GigeOptions large() {
+    GigeOptions options;
+    options.width = kWidth, options.height = kHeight, options.formats = {"Mono16"}, options.largest_packet = 1000;
+    return options;
+  }
+  static constexpr int kWidth = 320, kHeight = 200;
   std::unique_ptr<GigeCamera> camera_;
 };
 
@@ -54,21 +74,12 @@ TEST_F(Aravis, EveryPixelArrivesAsItWas) {
   for (const auto& [formats, bits] : {std::pair(std::vector<std::string>{"Mono8"}, 8),
                                       {{"Mono8", "Mono12"}, 12},
                                       {{"Mono16", "Mono12", "Mono8"}, 16}}) {
-    GigeOptions options;
-    options.width = 320, options.height = 200, options.formats = formats;
+    GigeOptions options = large();
+    options.formats = formats;
     plug_in(options);
     auto camera = armed();
     ASSERT_NE(camera, nullptr);
-    for (int photo = 0; photo < 5; ++photo) {
-      const auto taken = camera->trigger();
-      ASSERT_TRUE(taken) << taken.error().message;
-      EXPECT_EQ(taken->counter, static_cast<std::uint64_t>(photo));
-      EXPECT_EQ(taken->full_scale, (1 << bits) - 1);
-      EXPECT_EQ(taken->exposure_ms, 5);
-      ASSERT_TRUE(taken->values.same_size(320, 200));
-      for (std::size_t i = 0; i < taken->values.data().size(); ++i)
-        ASSERT_EQ(taken->values.data()[i], value_of(i) >> (16 - bits)) << bits << " " << i;
-    }
+    expect_whole(*camera, 5, bits);
     EXPECT_EQ(camera_->photos(), 5);
     camera.reset(), camera_.reset();
   }
@@ -113,42 +124,30 @@ TEST_F(Aravis, WithoutACameraItSaysWhatToLookAt) {
 }
 
 TEST_F(Aravis, LostPacketsAreAskedForAgain) {
-  GigeOptions options;
-  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 17;
+  GigeOptions options = large();
+  options.drop_every = 17;
   plug_in(options);
   const auto camera = armed();
   ASSERT_NE(camera, nullptr);
-  for (int photo = 0; photo < 10; ++photo) {
-    const auto taken = camera->trigger();
-    ASSERT_TRUE(taken) << taken.error().message;
-    for (std::size_t i = 0; i < taken->values.data().size(); ++i) ASSERT_EQ(taken->values.data()[i], value_of(i)) << i;
-  }
+  expect_whole(*camera, 10);
   EXPECT_GT(camera_->resent(), 0);
+  EXPECT_EQ(camera_->photos(), 10);
 }
 
 TEST_F(Aravis, PhotosWithHolesAreTakenAgainAndNeverGiven) {
-  // 131 packets a photo; every 200th is lost: two of three photos have a hole that nobody fills.
-  GigeOptions options;
-  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 200,
-  options.deaf = true;
+  // 135 packets a photo; every 200th is lost: two of three photos have a hole that nobody fills.
+  GigeOptions options = large();
+  options.drop_every = 200, options.deaf = true;
   plug_in(options);
   const auto camera = armed();
   ASSERT_NE(camera, nullptr);
-  int whole = 0;
-  for (int photo = 0; photo < 6; ++photo) {
-    const auto taken = camera->trigger();
-    ASSERT_TRUE(taken) << taken.error().message;
-    for (std::size_t i = 0; i < taken->values.data().size(); ++i) ASSERT_EQ(taken->values.data()[i], value_of(i)) << i;
-    ++whole;
-  }
-  EXPECT_EQ(whole, 6);
+  expect_whole(*camera, 6);
   EXPECT_GT(camera_->photos(), 6);
 }
 
 TEST_F(Aravis, WhereEveryPhotoHasHolesItSaysSo) {
-  GigeOptions options;
-  options.width = 320, options.height = 200, options.largest_packet = 1000, options.drop_every = 20,
-  options.deaf = true;
+  GigeOptions options = large();
+  options.drop_every = 20, options.deaf = true;
   plug_in(options);
   const auto camera = armed();
   ASSERT_NE(camera, nullptr);

@@ -53,7 +53,7 @@ enum Register : std::uint32_t {
   kTriggerSource = 0xa11c,
   kTrigger = 0xa120,
   kZero = 0xa124,
-  kMode1 = 0xa128,
+  kAcquisitionMode = 0xa128,
 };
 constexpr std::uint32_t kXmlAt = 0x10000, kEnd = 0x20000;
 constexpr std::uint32_t kFireTest = 0x80000000;
@@ -71,7 +71,7 @@ std::string registers_xml() {
                                       {"TriggerSourceReg", kTriggerSource},
                                       {"TriggerReg", kTrigger},
                                       {"ZeroReg", kZero},
-                                      {"ModeReg", kMode1}})
+                                      {"ModeReg", kAcquisitionMode}})
     text += fmt::format(
         "<IntReg Name=\"{}\"><Address>{:#x}</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort>"
         "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>\n",

@@ -288,5 +288,25 @@ TEST(PhotometricFit, TooFewFramesAreRefused) {
   EXPECT_NE(fit.error().message.find("2 photometric frames"), std::string::npos);
 }
 
+// A camera that sees the mean of three channels, of which one primary's photo lights one, as what its colour channels
+// would have read.
+TEST(OnePrimary, IsWhatTheChannelWouldHaveRead) {
+  const Radiosity coloured = (Radiosity(2, 3) << 5, 0.4f, 0.6f, 0.3f, 7, 0.2f).finished();
+  const Radiosity dark = (Radiosity(2, 3) << 0.5f, 0.4f, 0.6f, 0.3f, 0.1f, 0.2f).finished();
+  for (int c = 0; c < 2; ++c) {  // row c is lit in channel c
+    const auto grey = [&](const Radiosity& m, float mean) {
+      PatchFrame frame;
+      frame.m = Radiosity::Constant(1, 3, m.row(c).mean()), frame.sigma = Radiosity::Constant(1, 3, 0.03f);
+      frame.mean = {mean, mean, mean};
+      return frame;
+    };
+    const PatchFrame told = one_primary(grey(coloured, 2), grey(dark, 0.5f));
+    // What the channel gains, on top of the dark of all.
+    EXPECT_NEAR(told.m(0, c), dark.row(c).mean() + coloured(c, c) - dark(c, c), 1e-5);
+    EXPECT_NEAR(told.sigma(0, c), 0.03 * std::sqrt(13.0), 1e-6);
+    EXPECT_NEAR(told.mean[c], 5, 1e-6);
+  }
+}
+
 }  // namespace
 }  // namespace countershade::solver
