@@ -5,9 +5,9 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "capture/pattern/levels.h"
 #include "capture/pattern/pattern.h"
-#include "capture/pattern/phase.h"
+#include "capture/pattern/read/levels.h"
+#include "capture/pattern/read/phase.h"
 
 namespace countershade::capture {
 

@@ -7,12 +7,12 @@
 
 #include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
-#include "capture/pattern/bits.h"
-#include "capture/pattern/levels.h"
-#include "capture/pattern/phase.h"
 #include "capture/pattern/plan.h"
-#include "capture/pattern/refine.h"
-#include "capture/pattern/reject.h"
+#include "capture/pattern/read/bits.h"
+#include "capture/pattern/read/levels.h"
+#include "capture/pattern/read/phase.h"
+#include "capture/pattern/read/refine.h"
+#include "capture/pattern/read/reject.h"
 
 namespace countershade::capture {
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "capture/pattern/pattern.h"
-#include "capture/pattern/phase.h"
+#include "capture/pattern/read/phase.h"
 
 namespace countershade::capture {
 

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "capture/pattern/phase.h"
 #include "capture/pattern/plan.h"
+#include "capture/pattern/read/phase.h"
 #include "tests/capture/fake_view.h"
 
 namespace countershade::capture {

@@ -8,7 +8,7 @@
 
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
-#include "capture/pattern/levels.h"
+#include "capture/pattern/read/levels.h"
 #include "tests/capture/fake_room.h"
 #include "tests/capture/fake_view.h"
 

@@ -147,8 +147,10 @@ inline Rig rig(int cameras = 1) {
   return rig;
 }
 
-// Two projectors, white, black, and one coarse and one fine pair each: enough for every rule of the runner.
-inline Sequence sequence() {
+// Two projectors, white, black, and pairs of Gray bits each; by itself one coarse and one fine: enough for every rule
+// of the runner.
+inline Sequence sequence(const std::vector<std::pair<std::string, int>>& axis_and_bit = {
+                             {"x", 4}, {"y", 3}, {"x", 0}}) {
   Sequence s;
   s.projectors = {{"left", {32, 20}}, {"right", {24, 16}}};
   const auto add = [&](Role role) { s.frames.push_back({static_cast<int>(s.frames.size()), std::move(role)}); };
@@ -157,7 +159,7 @@ inline Sequence sequence() {
     role.projector = id;
     for (const char* kind : {"white", "black"}) role.kind = kind, add(role);
     role.kind = "gray";
-    for (const auto& [axis, bit] : {std::pair("x", 4), std::pair("y", 3), std::pair("x", 0)})
+    for (const auto& [axis, bit] : axis_and_bit)
       for (bool inverse : {false, true}) role.axis = axis, role.bit = bit, role.inverse = inverse, add(role);
   }
   return s;

@@ -4,10 +4,9 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 #include "capture/session/runner.h"
 #include "tests/capture/fake_room.h"
+#include "tests/support/same.h"
 
 namespace countershade::capture {
 namespace {
@@ -17,19 +16,10 @@ using fake::Room;
 
 // Gray code of both projectors.
 Sequence code() {
-  Sequence s;
-  s.projectors = {{"left", {32, 20}}, {"right", {24, 16}}};
-  const auto add = [&](Role role) { s.frames.push_back({static_cast<int>(s.frames.size()), std::move(role)}); };
-  for (const char* id : {"left", "right"}) {
-    Role role;
-    role.projector = id;
-    for (const char* kind : {"white", "black"}) role.kind = kind, add(role);
-    role.kind = "gray";
-    for (const char* axis : {"x", "y"})
-      for (int bit = 4; bit >= 0; --bit)
-        for (bool inverse : {false, true}) role.axis = axis, role.bit = bit, role.inverse = inverse, add(role);
-  }
-  return s;
+  std::vector<std::pair<std::string, int>> bits;
+  for (const char* axis : {"x", "y"})
+    for (int bit = 4; bit >= 0; --bit) bits.emplace_back(axis, bit);
+  return fake::sequence(bits);
 }
 
 struct Captured {
@@ -52,11 +42,6 @@ Captured captured(const std::shared_ptr<Room>& room, const fs::path& folder) {
   return result;
 }
 
-bool same(const Image& a, const Image& b) {
-  return a.same_size(b.width(), b.height()) &&
-         std::memcmp(a.data().data(), b.data().data(), a.data().size() * sizeof(float)) == 0;
-}
-
 void expect_as_decoded(const Captured& c, const fs::path& folder) {
   SilentProgress silent;
   const Session session = Session::open(folder).value();
@@ -65,9 +50,7 @@ void expect_as_decoded(const Captured& c, const fs::path& folder) {
     const auto read = decode(session, "cam", code().projectors[q].first, {}, silent);
     ASSERT_TRUE(read && c.live[q]) << q;
     EXPECT_GT(read->accepted, 100u);
-    EXPECT_TRUE(same(c.live[q]->x, read->x) && same(c.live[q]->y, read->y) && same(c.live[q]->sigma, read->sigma));
-    EXPECT_EQ(c.live[q]->reason.data(), read->reason.data());
-    EXPECT_EQ(c.live[q]->accepted, read->accepted);
+    testing::expect_same(*c.live[q], *read);
   }
 }
 
@@ -110,13 +93,13 @@ TEST(LiveDecoding, WhatIsMissingOrCannotBeReadIsAnErrorOfItsProjectorAlone) {
     if (f.index != 3) few.stored(f.index);
   const auto some = few.finish();
   ASSERT_TRUE(!some[0] && some[1]);
-  EXPECT_THAT(some[0].error().message, testing::HasSubstr("photo 0003 of its code is missing"));
+  EXPECT_THAT(some[0].error().message, ::testing::HasSubstr("photo 0003 of its code is missing"));
   fs::resize_file(session.photo_path("cam", 30), 100);
   LiveDecoding broken(scratch / "s", code(), "cam");
   for (const Frame& f : code().frames) broken.stored(f.index);
   const auto others = broken.finish();
   ASSERT_TRUE(others[0] && !others[1]);
-  EXPECT_THAT(others[1].error().message, testing::HasSubstr("0030.tif"));
+  EXPECT_THAT(others[1].error().message, ::testing::HasSubstr("0030.tif"));
   LiveDecoding idle(scratch / "s", code(), "cam");  // and goes without having been asked
   idle.stored(0);
 }

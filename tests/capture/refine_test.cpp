@@ -1,4 +1,4 @@
-#include "capture/pattern/refine.h"
+#include "capture/pattern/read/refine.h"
 
 #include <gtest/gtest.h>
 

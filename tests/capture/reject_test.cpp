@@ -1,4 +1,4 @@
-#include "capture/pattern/reject.h"
+#include "capture/pattern/read/reject.h"
 
 #include <gmock/gmock.h>
 

@@ -3,12 +3,11 @@
 
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 #include "simdata/device/faults.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/same.h"
 
 namespace countershade::tools {
 namespace {
@@ -31,11 +30,6 @@ std::shared_ptr<const simdata::Simulator> simulator() {
   return made;
 }
 
-bool same(const Image& a, const Image& b) {
-  return a.same_size(b.width(), b.height()) &&
-         std::memcmp(a.data().data(), b.data().data(), a.data().size() * sizeof(float)) == 0;
-}
-
 void expect_as_decoded(const CodedCapture& captured, const fs::path& folder) {
   SilentProgress quiet;
   const auto session = Session::open(folder);
@@ -46,9 +40,7 @@ void expect_as_decoded(const CodedCapture& captured, const fs::path& folder) {
     const auto read = capture::decode(*session, "camera", live.projector, {}, quiet);
     ASSERT_TRUE(read) << read.error().message;
     EXPECT_GT(live.accepted, 1000u);
-    EXPECT_EQ(live.accepted, read->accepted);
-    EXPECT_TRUE(same(live.x, read->x) && same(live.y, read->y) && same(live.sigma, read->sigma));
-    EXPECT_EQ(live.reason.data(), read->reason.data());
+    testing::expect_same(live, *read);
   }
 }
 

@@ -12,7 +12,7 @@
 #include "capture/diagnose/held_out.h"
 #include "capture/pattern/decode.h"
 #include "capture/pattern/pattern.h"
-#include "capture/pattern/reject.h"
+#include "capture/pattern/read/reject.h"
 #include "solver/compensate/compensate.h"
 #include "solver/fit/photometric_fit.h"
 #include "solver/transport/form_factor.h"

@@ -1,4 +1,4 @@
-#include "capture/pattern/refine.h"
+#include "capture/pattern/read/refine.h"
 
 #include <algorithm>
 #include <array>
@@ -10,8 +10,8 @@
 
 #include "calib/base/lanes.h"
 #include "calib/base/parallel.h"
-#include "capture/pattern/half_lit.h"
 #include "capture/pattern/pattern.h"
+#include "capture/pattern/read/half_lit.h"
 
 namespace countershade::capture {
 

@@ -1,4 +1,4 @@
-#include "capture/pattern/bits.h"
+#include "capture/pattern/read/bits.h"
 
 #include <algorithm>
 #include <cmath>

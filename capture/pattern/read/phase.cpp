@@ -1,4 +1,4 @@
-#include "capture/pattern/phase.h"
+#include "capture/pattern/read/phase.h"
 
 #include <Eigen/Dense>
 #include <algorithm>

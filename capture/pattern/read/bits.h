@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "calib/base/lanes.h"
-#include "capture/pattern/levels.h"
-#include "capture/pattern/refine.h"
+#include "capture/pattern/read/levels.h"
+#include "capture/pattern/read/refine.h"
 
 namespace countershade::capture {
 

@@ -1,7 +1,7 @@
 // Pixels whose light comes from one side of them: at the border of the picture, beside brighter surfaces.
 #pragma once
 
-#include "capture/pattern/refine.h"
+#include "capture/pattern/read/refine.h"
 
 namespace countershade::capture {
 

@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "capture/pattern/levels.h"
-#include "capture/pattern/refine.h"
+#include "capture/pattern/read/levels.h"
+#include "capture/pattern/read/refine.h"
 
 namespace countershade::capture {
 

@@ -1,4 +1,4 @@
-#include "capture/pattern/half_lit.h"
+#include "capture/pattern/read/half_lit.h"
 
 #include <Eigen/Dense>
 #include <algorithm>

@@ -1,4 +1,4 @@
-#include "capture/pattern/levels.h"
+#include "capture/pattern/read/levels.h"
 
 #include <algorithm>
 #include <array>
