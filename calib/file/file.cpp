@@ -7,6 +7,7 @@
 #include <charconv>
 #include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstring>
 #include <ctime>
 #include <fstream>
@@ -35,6 +36,23 @@ Error write_error(const fs::path& path, const std::string& doing, int number) {
 // Hidden name in the same folder, so that the rename stays on one file system; it keeps the extension.
 fs::path temporary_name(const fs::path& path) {
   return path.parent_path() / (".writing-" + std::to_string(getpid()) + "-" + path.filename().string());
+}
+
+// Removes what writers of `path` left behind that were killed.
+void remove_orphans(const fs::path& path) {
+  const std::string begin = ".writing-", end = "-" + path.filename().string();
+  std::error_code ignored;
+  std::vector<fs::path> orphans;
+  for (const auto& entry : fs::directory_iterator(path.parent_path().empty() ? "." : path.parent_path(), ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(begin) || !name.ends_with(end) || name.size() <= begin.size() + end.size()) continue;
+    const std::string writer = name.substr(begin.size(), name.size() - begin.size() - end.size());
+    pid_t pid = 0;
+    const auto [rest, bad] = std::from_chars(writer.data(), writer.data() + writer.size(), pid);
+    const bool is_number = bad == std::errc() && rest == writer.data() + writer.size() && pid > 0;
+    if (is_number && ::kill(pid, 0) != 0 && errno == ESRCH) orphans.push_back(entry.path());
+  }
+  for (const fs::path& orphan : orphans) fs::remove_all(orphan, ignored);
 }
 
 // Removes what stands under a name when it goes out of scope, also by an exception, unless it was renamed.
@@ -172,6 +190,7 @@ Result<std::string> read_text(const fs::path& path) {
 }
 
 Result<void> write_atomically_with(const fs::path& path, const std::function<Result<void>(const fs::path&)>& write) {
+  remove_orphans(path);
   Temporary temporary(temporary_name(path));
   CS_TRY_VOID(write(temporary.path()));
   CS_TRY_VOID(sync_file(temporary.path(), path));
@@ -184,17 +203,19 @@ Result<void> write_atomically(const fs::path& path, std::string_view bytes) {
   return write_atomically_with(path, [&](const fs::path& temporary) { return put(temporary, path, bytes); });
 }
 
-Result<void> create_folder_atomically(const fs::path& path, const std::function<Result<void>(const fs::path&)>& build) {
+Result<void> create_folder_atomically(const fs::path& path, const FillFolder& build, const FillFolder& record) {
   fs::path target = path.lexically_normal();
   if (!target.has_filename()) target = target.parent_path();  // a trailing slash
   std::error_code reason;
   if (fs::exists(fs::symlink_status(target, reason)))
     return error(ErrorCode::kExists, "'{}' exists already; choose another name or remove it", target.string());
+  remove_orphans(target);
   Temporary hidden(temporary_name(target));
   fs::remove_all(hidden.path(), reason);
   fs::create_directories(hidden.path(), reason);
   if (reason) return write_error(target, "create", reason.value());
   CS_TRY_VOID(build(hidden.path()));
+  if (record) CS_TRY_VOID(record(hidden.path()));
   CS_TRY_VOID(hidden.rename_to(target));
   sync_folder(folder_of(target));
   return {};

@@ -14,17 +14,21 @@ namespace countershade {
 
 Result<std::string> read_text(const std::filesystem::path& path);
 
-// Writes to a temporary name in the same folder, syncs, renames. Nothing partial ever stands under `path`.
-// Errors: kIo with the system's reason (disk full, read-only folder) and the remedy.
+// Writes to a temporary name in the same folder, syncs, renames. Nothing partial ever stands under `path`; what a
+// killed writer of the same `path` left under its temporary name is removed. Errors: kIo with the system's reason (disk
+// full, read-only folder) and the remedy.
 Result<void> write_atomically(const std::filesystem::path& path, std::string_view bytes);
 // The same for writers that need a path (image libraries): `write` gets the temporary path, which keeps the extension.
 Result<void> write_atomically_with(const std::filesystem::path& path,
                                    const std::function<Result<void>(const std::filesystem::path&)>& write);
 
-// An output folder that appears whole: build() fills a hidden sibling, which is renamed to `path` on success and
-// removed on failure. kExists when `path` exists already.
-Result<void> create_folder_atomically(const std::filesystem::path& path,
-                                      const std::function<Result<void>(const std::filesystem::path&)>& build);
+// Fills an output folder while it is hidden.
+using FillFolder = std::function<Result<void>(const std::filesystem::path& hidden)>;
+// An output folder that appears whole: build() fills a hidden sibling, then `record`, where there is one, adds what the
+// caller keeps beside the output (provenance); it is renamed to `path` on success and removed on failure. kExists when
+// `path` exists already.
+Result<void> create_folder_atomically(const std::filesystem::path& path, const FillFolder& build,
+                                      const FillFolder& record = {});
 
 // NumPy .npy, version 1.0, little-endian, C order. shape's product must equal data.size() (a Bug otherwise).
 struct Array {

@@ -80,18 +80,16 @@ Result<StoredImage> read_exr_image(const fs::path& path) {
   return stored;
 }
 
+// Encoded in memory, then written at once: a disk's own reason for a failure is the one that is given.
 Result<void> write_with_opencv(const fs::path& path, const cv::Mat& image, const std::vector<int>& parameters) {
-  return write_atomically_with(path, [&](const fs::path& temporary) -> Result<void> {
-    bool ok = false;
-    try {
-      ok = cv::imwrite(temporary.string(), image, parameters);
-    } catch (const cv::Exception&) {
-    }
-    if (!ok)
-      return error(ErrorCode::kIo, "cannot write '{}': is the disk full, the folder writable, the format .png or .tif?",
-                   path.string());
-    return {};
-  });
+  std::vector<std::uint8_t> bytes;
+  bool ok = false;
+  try {
+    ok = cv::imencode(extension(path), image, bytes, parameters);
+  } catch (const cv::Exception&) {
+  }
+  if (!ok) return error(ErrorCode::kBadValue, "cannot write '{}': its name must end in .png or .tif", path.string());
+  return write_atomically(path, std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
 // Nearest whole number from 0 to maximum; 0 for a NaN.

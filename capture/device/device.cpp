@@ -1,5 +1,6 @@
 #include "capture/device/device.h"
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 
@@ -14,6 +15,13 @@ Projector* Devices::projector(const std::string& id) const {
   for (const auto& p : projectors)
     if (p->id() == id) return p.get();
   return nullptr;
+}
+
+double Devices::refresh_ms() const {
+  double longest = 0;
+  for (const auto& p : projectors)
+    if (p->refresh_hz() > 0) longest = std::max(longest, 1e3 / p->refresh_hz());
+  return longest > 0 ? longest : 1e3 / 60;
 }
 
 void Devices::wait(double ms) const {

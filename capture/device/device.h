@@ -37,9 +37,14 @@ class Projector {
   virtual const std::string& id() const = 0;
   virtual int width() const = 0;
   virtual int height() const = 0;
+  virtual double refresh_hz() const { return 0; }  // 0 = unknown
   // Shows a picture (encoded, own resolution: a Bug otherwise) and returns once the display has taken it; a slow
   // display shows it later.
   virtual Result<void> show(const Picture& picture) = 0;
+  // The two halves of show(), so that several projectors change at one refresh: the picture is handed over; the display
+  // has taken it.
+  virtual Result<void> hand_over(const Picture& picture) { return show(picture); }
+  virtual Result<void> taken() { return {}; }
   // Shows a picture per eye, in turns. Errors: kUnsupported where both eyes see the same.
   virtual Result<void> show_stereo(const Picture& left, const Picture& right);
 };
@@ -50,6 +55,8 @@ struct Devices {
   std::vector<std::unique_ptr<Projector>> projectors;
   std::function<void(double ms)> clock;  // how time passes for them; empty = as for everybody
   Projector* projector(const std::string& id) const;
+  // Time between two refreshes of the slowest display; that of 60 Hz where none is known.
+  double refresh_ms() const;
   // Returns when that much of their time has passed.
   void wait(double ms) const;
 };

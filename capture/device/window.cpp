@@ -93,8 +93,8 @@ struct OpenGl {
 
 class WindowProjector final : public Projector {
  public:
-  WindowProjector(std::string id, int width, int height, GLFWwindow* window)
-      : id_(std::move(id)), width_(width), height_(height), window_(window) {}
+  WindowProjector(std::string id, int width, int height, double refresh_hz, GLFWwindow* window)
+      : id_(std::move(id)), width_(width), height_(height), refresh_hz_(refresh_hz), window_(window) {}
   ~WindowProjector() override { glfwDestroyWindow(window_); }
   WindowProjector(const WindowProjector&) = delete;
   WindowProjector& operator=(const WindowProjector&) = delete;
@@ -102,6 +102,7 @@ class WindowProjector final : public Projector {
   const std::string& id() const override { return id_; }
   int width() const override { return width_; }
   int height() const override { return height_; }
+  double refresh_hz() const override { return refresh_hz_; }
 
   Result<void> prepare() {
     glfwMakeContextCurrent(window_);
@@ -113,6 +114,11 @@ class WindowProjector final : public Projector {
   }
 
   Result<void> show(const Picture& picture) override {
+    CS_TRY_VOID(hand_over(picture));
+    return taken();
+  }
+
+  Result<void> hand_over(const Picture& picture) override {
     CS_CHECK(picture.same_size(width_, height_) && picture.channels() == 3,
              "a picture in the projector's own resolution");
     bytes_.resize(picture.data().size());
@@ -123,6 +129,11 @@ class WindowProjector final : public Projector {
     CS_TRY_VOID(check_size(window_, id_, width_, height_));
     draw();
     glfwSwapBuffers(window_);
+    return {};
+  }
+
+  Result<void> taken() override {
+    glfwMakeContextCurrent(window_);
     gl_.finish();
     int x = 0, y = 0;
     glfwGetWindowPos(window_, &x, &y);  // an answer of the window system: it has done what was asked before
@@ -145,6 +156,7 @@ class WindowProjector final : public Projector {
 
   std::string id_;
   int width_, height_;
+  double refresh_hz_;
   GLFWwindow* window_;
   OpenGl gl_;
   std::vector<std::uint8_t> bytes_;
@@ -300,7 +312,9 @@ Result<std::unique_ptr<Projector>> open_window_projector(const std::string& id, 
     return error(ErrorCode::kDevice,
                  "projector '{}': no window with OpenGL could be opened ({}): check the display's driver", id,
                  glfw_reason());
-  auto projector = std::make_unique<WindowProjector>(id, width, height, window);
+  GLFWmonitor* shown_on = place != nullptr ? place : glfwGetPrimaryMonitor();
+  const double refresh_hz = shown_on != nullptr ? describe(shown_on).refresh_hz : 0;
+  auto projector = std::make_unique<WindowProjector>(id, width, height, refresh_hz, window);
   if (place == nullptr) glfwSetWindowPos(window, left, 0);
   if (place != nullptr) glfwSetInputMode(window, GLFW_CURSOR, GLFW_CURSOR_HIDDEN);
   CS_TRY_VOID(projector->prepare());

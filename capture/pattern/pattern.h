@@ -2,6 +2,7 @@
 #pragma once
 
 #include "calib/base/result.h"
+#include "calib/file/file.h"
 #include "calib/file/session.h"
 #include "calib/image/image.h"
 
@@ -51,6 +52,7 @@ Result<Sequence> sequence_with(const Rig& rig, const std::vector<std::string>& c
 Sequence default_sequence(const Rig& rig);
 
 // Writes patterns/ (CONTRACT): sequence.json and NNNN/<projector>.png, 8-bit RGB. The folder appears whole.
-Result<void> write_patterns(const Sequence& sequence, const std::filesystem::path& folder);
+Result<void> write_patterns(const Sequence& sequence, const std::filesystem::path& folder,
+                            const FillFolder& record = {});
 
 }  // namespace countershade::capture

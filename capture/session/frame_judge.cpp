@@ -71,12 +71,20 @@ std::optional<double> FrameJudge::response(std::size_t c, const std::string& pro
   return mean_difference(*white, *black);
 }
 
-bool FrameJudge::any_change(const Views& now) const {
+bool FrameJudge::differ(const Views& one, const Views& two) const {
   for (std::size_t c = 0; c < cameras(); ++c)
-    if (mean_difference(now[c], seen_.views[c]) >
-        4 * noise(c, seen_.views[c]) + 0.0005)  // of full scale: too little to decode
+    if (mean_difference(one[c], two[c]) > 4 * noise(c, one[c]) + 0.0005)  // of full scale: too little to decode
       return true;
   return false;
+}
+
+double FrameJudge::share_of_change(const Views& now, const Views& then) const {
+  double way = 0, whole = 0;
+  for (std::size_t c = 0; c < cameras(); ++c) {
+    way += mean_difference(now[c], seen_.views[c]);
+    whole += mean_difference(then[c], seen_.views[c]);
+  }
+  return whole > 0 ? way / whole : 1;
 }
 
 std::string FrameJudge::stale(const std::vector<Image>& blocks, const Views& now) const {

@@ -49,7 +49,11 @@ class FrameJudge {
   // Mean difference that noise makes between two photos of this light.
   double noise(std::size_t camera, const Bins& light) const;
   // Whether a camera sees other light than last.
-  bool any_change(const Views& now) const;
+  bool any_change(const Views& now) const { return differ(seen_.views, now); }
+  // Whether a camera tells two photos apart, more than by noise.
+  bool differ(const Views& one, const Views& two) const;
+  // How far these photos are on the way from what was seen last to `then`, 0..1; mean of the cameras by their light.
+  double share_of_change(const Views& now, const Views& then) const;
   // Share of the projector's swing that is looked for at least.
   static constexpr double kPredictable = 0.1;
 

@@ -352,7 +352,7 @@ Result<void> Import::copy_to(const fs::path& folder) const {
 }  // namespace
 
 Result<void> import_session(const Rig& rig, const Sequence& sequence, const fs::path& photos, const fs::path& folder,
-                            Progress& progress) {
+                            Progress& progress, const FillFolder& record) {
   CS_TRY_VOID(check_sequence(rig, sequence));
   if (fs::exists(folder))
     return error(ErrorCode::kExists, "'{}' exists already: choose another name for the session, or remove it",
@@ -361,10 +361,13 @@ Result<void> import_session(const Rig& rig, const Sequence& sequence, const fs::
   CS_TRY_VOID(import.find());
   CS_TRY_VOID(import.read());
   CS_TRY_VOID(import.check_content());
-  return create_folder_atomically(folder, [&](const fs::path& draft) -> Result<void> {
-    CS_TRY_VOID(write_session_header(draft, rig, "", sequence));
-    return import.copy_to(draft);
-  });
+  return create_folder_atomically(
+      folder,
+      [&](const fs::path& draft) -> Result<void> {
+        CS_TRY_VOID(write_session_header(draft, rig, "", sequence));
+        return import.copy_to(draft);
+      },
+      record);
 }
 
 }  // namespace countershade::capture

@@ -24,12 +24,15 @@ Result<void> write_frame(const Sequence& sequence, const Frame& frame, const fs:
 
 }  // namespace
 
-Result<void> write_patterns(const Sequence& sequence, const fs::path& folder) {
-  return create_folder_atomically(folder, [&](const fs::path& draft) -> Result<void> {
-    for (const Frame& frame : sequence.frames)
-      CS_TRY_VOID(write_frame(sequence, frame, draft / fmt::format("{:04}", frame.index)));
-    return write_atomically(draft / "sequence.json", sequence_text(sequence));
-  });
+Result<void> write_patterns(const Sequence& sequence, const fs::path& folder, const FillFolder& record) {
+  return create_folder_atomically(
+      folder,
+      [&](const fs::path& draft) -> Result<void> {
+        for (const Frame& frame : sequence.frames)
+          CS_TRY_VOID(write_frame(sequence, frame, draft / fmt::format("{:04}", frame.index)));
+        return write_atomically(draft / "sequence.json", sequence_text(sequence));
+      },
+      record);
 }
 
 }  // namespace countershade::capture

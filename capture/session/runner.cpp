@@ -7,6 +7,7 @@
 
 #include "calib/image/image_file.h"
 #include "capture/session/frame_judge.h"
+#include "capture/session/latency.h"
 #include "capture/session/session_folder.h"
 
 namespace countershade::capture {
@@ -14,6 +15,11 @@ namespace countershade::capture {
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr double kStaggerMs = 7;              // between the trials, in other steps than refreshes come
+constexpr double kLongestLatencyMs = 300;     // that a picture is waited for when it was shown often enough
+constexpr std::size_t kMostPhotos = 16;       // in that time
+constexpr int kTrials = 6, kTrialsLate = 11;  // of the latency, where there is none and where there is some
 
 struct CameraSlot {
   Camera* device = nullptr;
@@ -23,8 +29,9 @@ struct CameraSlot {
 
 // The photos of one camera of one frame that were missing; empty where all are stored.
 struct Shot {
-  std::vector<Image> stored;  // per exposure; empty image = already stored
-  Bins bins;                  // first exposure
+  std::vector<Image> stored;            // per exposure; empty image = already stored
+  Bins bins;                            // first exposure
+  double from_ms = 0, exposure_ms = 0;  // of it, by the camera's clock
 };
 
 class Capture {
@@ -57,20 +64,34 @@ class Capture {
   Result<Pictures> pictures_of(int f) const;
   Pictures plain_pictures(std::uint16_t value) const;
   Result<void> show(const Pictures& pictures, double wait_ms);
-  Result<Image> expose(const CameraSlot& camera, std::size_t e) const;
+  Result<Exposure> expose(const CameraSlot& camera, std::size_t e) const;
   Result<std::vector<Shot>> photograph(const std::vector<std::vector<bool>>& wanted) const;
   std::vector<std::vector<bool>> wanted(int f, bool all) const;
   Result<void> store(int f, const std::vector<Shot>& shots);
 
+  Result<void> show_until_seen(const Pictures& pictures);
   Result<Views> settle(const Pictures& pictures);
   std::vector<std::vector<bool>> first_exposures() const;
-  Result<void> measure_latency(const Pictures& pictures);
-  int reference_frame() const;
+  struct Arrival {
+    bool seen = false;
+    double after_ms = 0;  // since the first photo's start
+    double exposure_ms = 0;
+    Views settled;
+  };
+  Result<Arrival> wait_for(const Pictures& pictures, int shows, double wait_ms);
+  Result<void> count_shows(const Pictures& pictures);
+  Result<void> measure_latency(const Pictures& pictures, const Pictures& former);
+  std::vector<int> telling_frames() const;
   Result<void> start();
   Result<void> take_frame(int f);
   Result<void> accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
                       int attempt);
   Result<void> retake(int f);
+  Result<bool> agrees(int f);
+  Result<bool> all_agree();
+  Result<void> set_aside();
+  Result<void> check_view();
+  Result<void> take_all();
   Result<bool> answers(const std::vector<Image>& blocks, const Pictures& pictures, const Views& now);
 
   Result<Bins> stored_pixels(int f, std::size_t c) const;
@@ -87,6 +108,8 @@ class Capture {
   std::vector<std::vector<std::vector<bool>>> have_;  // [frame][camera][exposure]
   std::vector<std::array<int, 3>> size_;              // per camera: width, height, channels; 0 = not known yet
   int shows_ = 1;                                     // how often a picture is shown before its photo
+  double wait_ms_ = 0;                                // between the last show and the photo
+  bool late_ = false;                                 // the former frame came late
   FrameJudge judge_;
 };
 
@@ -185,19 +208,20 @@ Capture::Pictures Capture::plain_pictures(std::uint16_t value) const {
 }
 
 Result<void> Capture::show(const Pictures& pictures, double wait_ms) {
-  for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->show(pictures[p]));
+  for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->hand_over(pictures[p]));
   devices_.wait(wait_ms);
+  for (Projector* projector : projectors_) CS_TRY_VOID(projector->taken());
   return {};
 }
 
 // Stored numbers of one exposure, scaled to 16 bits where the rig does not say what full scale is.
-Result<Image> Capture::expose(const CameraSlot& camera, std::size_t e) const {
+Result<Exposure> Capture::expose(const CameraSlot& camera, std::size_t e) const {
   if (camera.exposures.size() > 1) CS_TRY_VOID(camera.device->arm(camera.exposures[e]));
   CS_TRY(Exposure exposure, camera.device->trigger());
   if (!camera.spec->full_scale && exposure.full_scale != 65535)
     for (float& v : exposure.values.data()) v = static_cast<float>(v * 65535.0 / exposure.full_scale);
   for (float& v : exposure.values.data()) v = std::round(std::clamp(v, 0.0f, 65535.0f));
-  return std::move(exposure.values);
+  return exposure;
 }
 
 std::vector<std::vector<bool>> Capture::wanted(int f, bool all) const {
@@ -213,7 +237,9 @@ Result<std::vector<Shot>> Capture::photograph(const std::vector<std::vector<bool
     shots[c].stored.resize(wanted[c].size());
     for (std::size_t e = 0; e < wanted[c].size(); ++e) {
       if (!wanted[c][e]) continue;
-      CS_TRY(shots[c].stored[e], expose(cameras_[c], e));
+      CS_TRY(Exposure exposure, expose(cameras_[c], e));
+      if (e == 0) shots[c].from_ms = 1e3 * exposure.timestamp_s, shots[c].exposure_ms = exposure.exposure_ms;
+      shots[c].stored[e] = std::move(exposure.values);
       const Image& photo = shots[c].stored[e];
       const std::array<int, 3> size{photo.width(), photo.height(), photo.channels()};
       if (size_[c][0] != 0 && size != size_[c])
@@ -241,19 +267,41 @@ Result<void> Capture::store(int f, const std::vector<Shot>& shots) {
 
 // ---- the start: a known light, so that the first photo can be judged too ----
 
-// How often a picture must be shown until a camera sees it: shown after settled pictures that differ much.
-Result<void> Capture::measure_latency(const Pictures& pictures) {
-  for (int shows = 1; shows <= options_.retakes + 1; ++shows) {
-    CS_TRY_VOID(show(pictures, (shows - 1) * options_.retake_wait_ms));
+// Shows pictures that differ much from what is seen, and photographs them, from wait_ms after they were handed over on,
+// until two photos agree on them.
+Result<Capture::Arrival> Capture::wait_for(const Pictures& pictures, int shows, double wait_ms) {
+  for (int i = 1; i < shows; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+  CS_TRY_VOID(show(pictures, wait_ms));
+  std::vector<Views> views;
+  std::vector<StepPhoto> photos;
+  Arrival arrival;
+  while (photos.size() < 2 ||
+         (photos.size() < kMostPhotos && photos.back().from_ms - photos.front().from_ms < kLongestLatencyMs)) {
     CS_TRY(const std::vector<Shot> shots, photograph(first_exposures()));
     Views now;
     for (const Shot& shot : shots) now.push_back(shot.bins);
-    if (!judge_.any_change(now)) continue;
-    shows_ = shows;
-    judge_.saw({blocks_of(pictures), now});
-    if (shows > 1)
+    arrival.seen = judge_.any_change(now);
+    const bool settled = arrival.seen && !views.empty() && !judge_.differ(views.back(), now);
+    views.push_back(std::move(now));
+    photos.push_back({shots[0].from_ms, shots[0].exposure_ms, 0});
+    if (settled) break;
+  }
+  for (std::size_t i = 0; i < photos.size(); ++i) photos[i].share = judge_.share_of_change(views[i], views.back());
+  arrival.after_ms = arrival.seen ? appeared_after_ms(photos) : 0;
+  arrival.exposure_ms = photos.front().exposure_ms;
+  arrival.settled = std::move(views.back());
+  return arrival;
+}
+
+// How often a picture must be shown until a camera sees it.
+Result<void> Capture::count_shows(const Pictures& pictures) {
+  for (shows_ = 1; shows_ <= options_.retakes + 1; ++shows_) {
+    CS_TRY(Arrival arrival, wait_for(pictures, 1, 0));  // once more
+    if (!arrival.seen) continue;
+    if (shows_ > 1)
       progress_.note(
-          fmt::format("the display or the camera is late: each picture is shown {} times before its photo", shows));
+          fmt::format("the display or the camera is late: each picture is shown {} times before its photo", shows_));
+    judge_.saw({blocks_of(pictures), std::move(arrival.settled)});
     return {};
   }
   return error(
@@ -261,6 +309,48 @@ Result<void> Capture::measure_latency(const Pictures& pictures) {
       "no camera sees a change between black and white on all projectors, after {} tries. Check that the projectors "
       "are on and show this computer's pictures (right monitor, no screen saver), lens caps, and exposure",
       options_.retakes + 1);
+}
+
+// How long a photo must wait, by steps at moments that are spread between two refreshes. Where the picture is there in
+// each of the first ones as soon as the display has taken it, there is nothing to wait for. Else the next ones are
+// photographed so that the change falls into the exposure, which times it to a part of a millisecond.
+Result<void> Capture::measure_latency(const Pictures& pictures, const Pictures& former) {
+  if (options_.lateness != nullptr && options_.lateness->shows > 0) {
+    shows_ = options_.lateness->shows, wait_ms_ = options_.lateness->wait_ms;
+    return {};
+  }
+  CS_TRY_VOID(count_shows(pictures));
+  bool there = true;
+  const auto step = [&](int trial, double wait_ms) -> Result<Arrival> {
+    devices_.wait(trial * kStaggerMs);
+    const Pictures& next = there ? former : pictures;
+    CS_TRY(Arrival arrival, wait_for(next, shows_, wait_ms));
+    if (arrival.seen) judge_.saw({blocks_of(next), arrival.settled});
+    there = there != arrival.seen;
+    return arrival;
+  };
+  double bound_ms = 0;
+  for (int trial = 1; trial <= kTrials; ++trial) {
+    CS_TRY(const Arrival arrival, step(trial, 0));
+    bound_ms = std::max(bound_ms, arrival.after_ms);
+  }
+  if (bound_ms == 0) return {};
+  const double refresh_ms = devices_.refresh_ms();
+  double longest_ms = 0, shortest_ms = HUGE_VAL, exposure_ms = 0;
+  bound_ms += refresh_ms;  // of being taken, which is not waited for any more
+  for (int trial = 1; trial <= kTrialsLate; ++trial) {
+    const double wait_ms = std::max(refresh_ms, (longest_ms > 0 ? longest_ms : bound_ms) - 0.8 * exposure_ms);
+    CS_TRY(const Arrival arrival, step(trial, wait_ms));
+    if (!arrival.seen) continue;  // a frame that comes as late is judged and taken again
+    const double after_ms = wait_ms + arrival.after_ms;
+    exposure_ms = arrival.exposure_ms;
+    if (trial == 1) continue;  // its exposure was not known
+    longest_ms = std::max(longest_ms, after_ms), shortest_ms = std::min(shortest_ms, after_ms);
+  }
+  wait_ms_ = longest_ms + refresh_ms;
+  progress_.note(fmt::format("pictures are seen {:.0f} to {:.0f} ms after they were shown: photos wait for {:.0f} ms",
+                             shortest_ms, longest_ms, wait_ms_));
+  return {};
 }
 
 std::vector<std::vector<bool>> Capture::first_exposures() const {
@@ -272,9 +362,16 @@ std::vector<std::vector<bool>> Capture::first_exposures() const {
   return first;
 }
 
-// Shows often enough that no latency of up to `retakes` shows is left, then photographs twice.
-Result<Views> Capture::settle(const Pictures& pictures) {
+// Shows often and long enough that no latency is left.
+Result<void> Capture::show_until_seen(const Pictures& pictures) {
   for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+  devices_.wait((12 - options_.retakes - 1) * options_.retake_wait_ms);
+  return {};
+}
+
+// The same, then photographs twice.
+Result<Views> Capture::settle(const Pictures& pictures) {
+  CS_TRY_VOID(show_until_seen(pictures));
   CS_TRY(const std::vector<Shot> one, photograph(first_exposures()));
   CS_TRY(const std::vector<Shot> two, photograph(first_exposures()));
   Views bins;
@@ -287,9 +384,8 @@ Result<Views> Capture::settle(const Pictures& pictures) {
   return bins;
 }
 
-// The last complete frame before the first gap that is not dark: a dark photo cannot tell whether the camera moved.
-// -1 when nothing is stored.
-int Capture::reference_frame() const {
+// Stored frames that are not dark: a dark photo cannot tell whether the camera moved.
+std::vector<int> Capture::telling_frames() const {
   std::vector<std::pair<int, double>> light;
   double brightest = 0;
   for (int f = 0; f < frames(); ++f) {
@@ -299,24 +395,25 @@ int Capture::reference_frame() const {
     light.emplace_back(f, sum);
     brightest = std::max(brightest, sum);
   }
-  int reference = -1;
+  std::vector<int> telling;
   for (const auto& [f, sum] : light)
-    if (sum >= 0.3 * brightest) reference = f;
-  return reference;
+    if (sum >= 0.3 * brightest) telling.push_back(f);
+  return telling;
 }
 
 Result<void> Capture::start() {
-  const int reference = reference_frame();
-  if (reference < 0) {
+  const std::vector<int> telling = telling_frames();
+  if (telling.empty()) {
     CS_TRY(Views dark, settle(plain_pictures(0)));
     judge_.saw_dark(std::move(dark));
-    return measure_latency(plain_pictures(65535));
+    return measure_latency(plain_pictures(65535), plain_pictures(0));
   }
+  const int reference = telling.back();
   progress_.note(fmt::format("resuming: {} is photographed again and compared", judge_.name_of(reference)));
   CS_TRY(const Pictures pictures, pictures_of(reference));
   CS_TRY(const Views now, settle(pictures));
   if (const std::string why = judge_.moved(reference, now); !why.empty()) return error(ErrorCode::kRefused, "{}", why);
-  return measure_latency(plain_pictures(0));  // the reference is not dark
+  return measure_latency(plain_pictures(0), pictures);  // the reference is not dark
 }
 
 // ---- is this the frame that was asked for? ----
@@ -350,7 +447,8 @@ Result<void> Capture::take_frame(int f) {
   CS_TRY(const Pictures pictures, pictures_of(f));
   const std::vector<Image> blocks = blocks_of(pictures);
   for (int attempt = 0, shows = shows_;; ++attempt) {
-    for (int i = 0; i < shows; ++i) CS_TRY_VOID(show(pictures, (attempt + shows_ - 1) * options_.retake_wait_ms));
+    for (int i = 1; i < shows; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
+    CS_TRY_VOID(show(pictures, wait_ms_ + attempt * options_.retake_wait_ms));
     CS_TRY(const std::vector<Shot> shots, photograph(wanted(f, false)));
     const Views now = bins_of(f, shots);
     const auto pixels = [&](std::size_t c) { return judge_.pixels_of(shots[c].stored[0], c); };
@@ -416,13 +514,81 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
   if (f + 1 < frames() && sequence_.frames[f + 1].role.kind == "phase")
     for (std::size_t c = 0; c < cameras_.size(); ++c) pixels.push_back(judge_.pixels_of(shots[c].stored[0], c));
   judge_.saw_pixels(std::move(pixels));
-  shows_ = std::min(shows_ + attempt, options_.retakes + 1);
-  if (attempt > 0)
-    progress_.note(
-        fmt::format("the display or the camera is late: from here on each picture is shown {} times before it "
-                    "is photographed",
-                    shows_));
+  const bool again = std::exchange(late_, attempt > 0) && attempt > 0;
+  if (attempt == 0) return {};
+  // Once is a hiccup, which waiting longer covers; twice in a row, and the display holds pictures back.
+  wait_ms_ += attempt * options_.retake_wait_ms;
+  if (again) shows_ = std::min(shows_ + attempt, options_.retakes + 1);
+  progress_.note(
+      fmt::format("the display or the camera is late: from here on each picture is shown {} times, and its photo waits "
+                  "for {:.0f} ms",
+                  shows_, wait_ms_));
   return {};
+}
+
+// ---- does the session still show what stands there? ----
+
+// Whether a frame is still seen as it was stored.
+Result<bool> Capture::agrees(int f) {
+  CS_TRY(const Pictures pictures, pictures_of(f));
+  CS_TRY_VOID(show_until_seen(pictures));
+  CS_TRY(const std::vector<Shot> shots, photograph(first_exposures()));
+  Views now;
+  for (const Shot& shot : shots) now.push_back(shot.bins);
+  return judge_.moved(f, now).empty();
+}
+
+// Whether the first frame of each projector is: one alone may have moved.
+Result<bool> Capture::all_agree() {
+  const std::vector<int> telling = telling_frames();
+  for (const auto& [id, size] : sequence_.projectors) {
+    const auto of_this = [&](int f) {
+      const std::string& lit = sequence_.frames[f].role.projector;
+      return lit.empty() || lit == id;
+    };
+    const auto first = std::find_if(telling.begin(), telling.end(), of_this);
+    if (first == telling.end()) continue;
+    CS_TRY(const bool same, agrees(*first));
+    if (!same) return false;
+  }
+  return true;
+}
+
+// The session's photos go where nobody takes them for the session's.
+Result<void> Capture::set_aside() {
+  for (int f = 0; f < frames(); ++f)
+    for (std::size_t c = 0; c < cameras_.size(); ++c)
+      for (std::size_t e = 0; e < cameras_[c].exposures.size(); ++e) {
+        const fs::path from = photo_path(f, cameras_[c], e);
+        const fs::path to = folder_ / "outdated" / cameras_[c].spec->id / from.filename();
+        std::error_code reason;
+        fs::create_directories(to.parent_path(), reason);
+        if (!reason) fs::rename(from, to, reason);
+        if (reason)
+          return error(ErrorCode::kIo, "'{}' cannot be moved to '{}': {}; check the disk and its permissions",
+                       from.string(), to.string(), reason.message());
+        have_[f][c][e] = false;
+      }
+  return {};
+}
+
+// Photographs frames of the beginning again. Where they show something else, all is taken again, once: which frames are
+// of before no photo can tell for sure, since some would look the same.
+Result<void> Capture::check_view() {
+  CS_TRY(const bool still, all_agree());
+  if (still) return {};
+  progress_.warn(
+      fmt::format("camera, a projector or the room moved, or the light changed, while photos were taken: all {} frames "
+                  "are taken again; the former photos are kept in '{}'",
+                  frames(), (folder_ / "outdated").string()));
+  CS_TRY_VOID(set_aside());
+  CS_TRY_VOID(take_all());
+  CS_TRY(const bool now, all_agree());
+  if (now) return {};
+  return error(ErrorCode::kRefused,
+               "the view changed again while photos were taken: camera, projectors and room must stand still and the "
+               "light must stay; then capture in another folder than '{}'",
+               folder_.string());
 }
 
 Result<void> Capture::take_missing() {
@@ -431,6 +597,14 @@ Result<void> Capture::take_missing() {
   progress_.step("capture", done, frames());
   if (done == frames()) return {};
   CS_TRY_VOID(start());
+  CS_TRY_VOID(take_all());
+  if (options_.lateness != nullptr) *options_.lateness = {shows_, wait_ms_};
+  return check_view();
+}
+
+Result<void> Capture::take_all() {
+  int done = 0;
+  for (int f = 0; f < frames(); ++f) done += complete(f);
   for (int f = 0; f < frames(); ++f) {
     if (complete(f)) continue;
     if (const auto taken = take_frame(f); !taken) {

@@ -4,29 +4,45 @@
 #include <functional>
 
 #include "calib/base/progress.h"
+#include "calib/file/file.h"
 #include "capture/device/device.h"
 #include "capture/pattern/pattern.h"
 
 namespace countershade::capture {
 
+// How late pictures appear.
+struct Lateness {
+  int shows = 0;       // how often a picture is shown before its photo; 0 = not known
+  double wait_ms = 0;  // between handing it over and the photo
+};
+
 struct CaptureOptions {
-  int retakes = 3;      // tries at a frame that looks stale before giving up; also the longest latency, in shows,
-                        // that the start of a capture waits out
+  int retakes = 3;      // tries at a frame that looks stale before giving up; also how many shows a display may hold
+                        // back
   bool extend = false;  // the sequence of a session that stands there may be the beginning of this one
   // Called with the index of each frame whose photos stand in the session, from former captures too; again when others
   // have taken their place.
   std::function<void(int frame)> stored = nullptr;
-  double retake_wait_ms = 20;  // n-th retake: shown again, then this long times n before the exposure
+  Lateness* lateness = nullptr;  // known: not measured again; and what is known at the end
+  double retake_wait_ms = 20;    // n-th retake: shown again, then this long times n more before the exposure; a picture
+                                 // is settled after twelve times this long
 };
 
 // Captures `sequence` into `folder` (calib/file/session.h). Each photo is written and synced before the next is shown.
 // A folder that already holds a session of the same rig and sequence is resumed: stored photos are checked and kept,
-// one reference frame is photographed again and compared, and a camera that moved is an error (kRefused). A photo that
-// still shows the former frame (its change against the former photo contradicts the pattern) is retaken. rig_toml and
-// simulation_toml are the texts to store (simulation_toml may be empty). A Gray code frame and its inverse must add up
-// to white + black (light adds); a pair that does not is retaken, both. Errors: kExists (another rig or sequence stands
-// there), kDevice, kIo, kBadValue (sequence and rig disagree), kRefused (the camera moved, or another process is
-// writing this session).
+// one reference frame is photographed again and compared, and a camera that moved is an error (kRefused).
+//
+// Before the first photo black and white are shown in turns, and photographed until they are seen: how long that takes
+// by the camera's clock (a swap inside an exposure is told by its share of the change), at most, and as much more as it
+// varies, a refresh of the display at least, is waited between every picture and its photo; nothing where it takes no
+// time. A photo that still shows the former frame (its change against the former photo contradicts the pattern) is
+// retaken. A Gray code frame and its inverse must add up to white + black (light adds); a pair that does not is
+// retaken, both. After the last one the first bright frame of each projector is photographed again: where one shows
+// something else, all photos are moved to `folder`/outdated, and taken again, once.
+//
+// rig_toml and simulation_toml are the texts to store (simulation_toml may be empty). Errors: kExists (another rig or
+// sequence stands there), kDevice, kIo, kBadValue (sequence and rig disagree), kRefused (the camera moved, or another
+// process is writing this session).
 Result<void> capture_session(const Rig& rig, const std::string& simulation_toml, const Sequence& sequence,
                              const Devices& devices, const std::filesystem::path& folder, const CaptureOptions& options,
                              Progress& progress);
@@ -36,6 +52,6 @@ Result<void> capture_session(const Rig& rig, const std::string& simulation_toml,
 // ones, naming the file; kRefused for photos that are black, saturated or in another order than the frames; kExists;
 // kBadValue.
 Result<void> import_session(const Rig& rig, const Sequence& sequence, const std::filesystem::path& photos,
-                            const std::filesystem::path& folder, Progress& progress);
+                            const std::filesystem::path& folder, Progress& progress, const FillFolder& record = {});
 
 }  // namespace countershade::capture

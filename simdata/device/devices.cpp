@@ -59,19 +59,31 @@ struct Stage {
 
 class SimulatedProjectorDevice final : public capture::Projector {
  public:
-  SimulatedProjectorDevice(std::shared_ptr<Stage> stage, int index, const ProjectorSpec& spec, bool stereo)
+  SimulatedProjectorDevice(std::shared_ptr<Stage> stage, int index, const ProjectorSpec& spec,
+                           const SimulatedProjector& truth)
       : stage_(std::move(stage)),
+        refresh_hz_(truth.refresh_hz),
         index_(index),
         id_(spec.id),
         width_(spec.resolution[0]),
         height_(spec.resolution[1]),
-        stereo_(stereo) {}
+        stereo_(truth.stereo) {}
   const std::string& id() const override { return id_; }
   int width() const override { return width_; }
   int height() const override { return height_; }
+  double refresh_hz() const override { return refresh_hz_; }
   Result<void> show(const Picture& picture) override {
+    CS_TRY_VOID(hand_over(picture));
+    return taken();
+  }
+  Result<void> hand_over(const Picture& picture) override {
     const Shown shown = checked(picture);
     send(shown, shown);
+    return {};
+  }
+  Result<void> taken() override {
+    const std::lock_guard lock(stage_->mutex);
+    stage_->now = std::max(stage_->now, taken_at_);
     return {};
   }
   Result<void> show_stereo(const Picture& left, const Picture& right) override {
@@ -80,7 +92,7 @@ class SimulatedProjectorDevice final : public capture::Projector {
                    "projector '{}' shows one picture to both eyes; set stereo = true in its [[simulation.projector]]",
                    id_);
     send(checked(left), checked(right));
-    return {};
+    return taken();
   }
 
  private:
@@ -91,11 +103,13 @@ class SimulatedProjectorDevice final : public capture::Projector {
   }
   void send(const Shown& left, const Shown& right) {
     const std::lock_guard lock(stage_->mutex);
-    stage_->now = stage_->projectors[index_].show(left, right, stage_->now);
+    taken_at_ = stage_->projectors[index_].show(left, right, stage_->now);
     std::fill(stage_->photos_since_show.begin(), stage_->photos_since_show.end(), 0);
   }
 
   std::shared_ptr<Stage> stage_;
+  double refresh_hz_;
+  double taken_at_ = 0;  // s: when the computer goes on after the newest picture
   int index_;
   std::string id_;
   int width_, height_;
@@ -257,8 +271,7 @@ capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, s
       if (p.id == spec.id) {
         stage->projectors.emplace_back(p, simulation.seed,
                                        shown_of(Picture(spec.resolution[0], spec.resolution[1], 3)));
-        devices.projectors.push_back(
-            std::make_unique<SimulatedProjectorDevice>(stage, static_cast<int>(q), spec, p.stereo));
+        devices.projectors.push_back(std::make_unique<SimulatedProjectorDevice>(stage, static_cast<int>(q), spec, p));
       }
   }
   for (std::size_t c = 0; c < rig.cameras.size(); ++c)

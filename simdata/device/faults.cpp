@@ -70,20 +70,20 @@ double mean(const Image& image) {
 
 const std::vector<FaultKind>& fault_kinds() {
   static const std::vector<FaultKind> kinds = {
-      {"stale-frame", "on/off", 1, 1, 1, 12, "one photo is taken before the new picture is shown"},
-      {"duplicated-frame", "on/off", 1, 1, 1, 12, "the driver hands over the former photo once more"},
-      {"dropped-frame", "photos", 1, 1, 100, 12, "photos are lost on the way; the counter jumps"},
+      {"stale-frame", "on/off", 1, 1, 1, 30, "one photo is taken before the new picture is shown"},
+      {"duplicated-frame", "on/off", 1, 1, 1, 30, "the driver hands over the former photo once more"},
+      {"dropped-frame", "photos", 1, 1, 100, 30, "photos are lost on the way; the counter jumps"},
       {"wrong-display", "on/off", 1, 1, 1, 0, "the projectors' cables are swapped"},
       {"night-light", "share of blue", 0.4, 0.01, 1, 0, "the desktop takes blue (and some green) out in the evening"},
       {"scaled-desktop", "factor", 1.25, 1.01, 4, 0, "the desktop magnifies what it is sent"},
       {"gamma-wrong", "exponent", 1.15, 0.3, 3, 0, "the projector's picture mode bends its response"},
-      {"projector-nudged", "projector px", 3, 0.01, 200, 60, "somebody touches the projectors: pictures shift"},
+      {"projector-nudged", "projector px", 3, 0.01, 200, 80, "somebody touches the projectors: pictures shift"},
       {"warm-up", "share", 0.1, 0.001, 0.9, 0, "the lamps lose that much light, half of it within 35 photos"},
       {"flicker", "share", 0.05, 0.001, 1, 0, "mains flicker: brightness differs from photo to photo"},
-      {"lamp-switched-on", "full scale", 0.08, 0.001, 1, 40, "light from elsewhere, uneven over the room"},
-      {"person-walks-in", "share of width", 0.12, 0.01, 1, 30, "somebody crosses the picture during 15 photos"},
-      {"camera-bumped", "mm", 6, 0.01, 1000, 50, "somebody pushes the tripod aside"},
-      {"camera-turned", "degrees", 0.1, 0.0001, 30, 50, "somebody touches the camera: it looks elsewhere"},
+      {"lamp-switched-on", "full scale", 0.08, 0.001, 1, 60, "light from elsewhere, uneven over the room"},
+      {"person-walks-in", "share of width", 0.12, 0.01, 1, 50, "somebody crosses the picture during 15 photos"},
+      {"camera-bumped", "mm", 6, 0.01, 1000, 70, "somebody pushes the tripod aside"},
+      {"camera-turned", "degrees", 0.1, 0.0001, 30, 70, "somebody touches the camera: it looks elsewhere"},
       {"camera-shaken", "degrees rms", 0.02, 0.0001, 5, 0, "the tripod trembles: every photo looks elsewhere"},
       {"camera-drifts", "degrees per photo", 0.002, 0.00001, 1, 0, "the camera's mount gives way, evenly"},
       {"defocus", "camera px, sigma", 2, 0.1, 50, 0, "the camera's lens is out of focus"},
@@ -92,7 +92,7 @@ const std::vector<FaultKind>& fault_kinds() {
       {"auto-exposure", "strength", 0.7, 0.01, 1, 0, "the camera adapts its exposure to every photo"},
       {"saturated", "factor", 1.6, 1.01, 100, 0, "the exposure is too long"},
       {"underexposed", "factor", 0.08, 0.0001, 0.99, 0, "the exposure is too short"},
-      {"missing-packets", "share of rows", 0.08, 0.001, 1, 20,
+      {"missing-packets", "share of rows", 0.08, 0.001, 1, 40,
        "the network loses packets: bands of one photo are black"},
   };
   return kinds;

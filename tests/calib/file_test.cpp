@@ -2,6 +2,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -53,6 +54,27 @@ TEST(WriteAtomically, KeepsTheOldFileWhenTheWriterFailsOrThrows) {
   EXPECT_THROW(throws(), std::runtime_error);
   EXPECT_EQ(read_text(folder / "a.exr").value(), "old");
   EXPECT_EQ(entries(folder.path()), 1);
+}
+
+TEST(WriteAtomically, RemovesWhatAKilledWriterOfTheSameFileLeft) {
+  TemporaryFolder folder;
+  const pid_t dead = fork();
+  if (dead == 0) _exit(0);
+  ASSERT_EQ(waitpid(dead, nullptr, 0), dead);
+  const auto left = [&](pid_t writer, const std::string& name) {
+    return folder / fmt::format(".writing-{}-{}", writer, name);
+  };
+  std::ofstream(left(dead, "a.txt")) << "half";
+  std::ofstream(left(dead, "b.txt")) << "of another file";
+  std::ofstream(left(getppid(), "a.txt")) << "of one that lives";
+  fs::create_directories(left(dead, "out") / "below");
+  ASSERT_TRUE(write_atomically(folder / "a.txt", "whole"));
+  EXPECT_FALSE(fs::exists(left(dead, "a.txt")));
+  EXPECT_TRUE(fs::exists(left(dead, "b.txt")));
+  EXPECT_TRUE(fs::exists(left(getppid(), "a.txt")));
+  EXPECT_TRUE(fs::exists(left(dead, "out")));
+  ASSERT_TRUE(create_folder_atomically(folder / "out", [](const fs::path&) -> Result<void> { return {}; }));
+  EXPECT_FALSE(fs::exists(left(dead, "out")));
 }
 
 TEST(WriteAtomically, NamesAFolderThatIsMissing) {
@@ -119,6 +141,21 @@ TEST(CreateFolderAtomically, AppearsWholeOrNotAtAll) {
   EXPECT_EQ(read_text(folder / "out" / "a.txt").value(), "a");
   EXPECT_EQ(entries(folder.path()), 1);
   EXPECT_EQ(build(false).error().code, ErrorCode::kExists);
+}
+
+TEST(CreateFolderAtomically, HasItsRecordWhenItAppears) {
+  TemporaryFolder folder;
+  const auto build = [](const fs::path& hidden) { return write_atomically(hidden / "a", "1"); };
+  const auto made = create_folder_atomically(folder / "out", build, [&](const fs::path& hidden) {
+    EXPECT_TRUE(fs::exists(hidden / "a")) << "the record is the last";
+    EXPECT_FALSE(fs::exists(folder / "out"));
+    return write_atomically(hidden / "record", "2");
+  });
+  ASSERT_TRUE(made);
+  EXPECT_EQ(read_text(folder / "out" / "record").value(), "2");
+  EXPECT_FALSE(create_folder_atomically(folder / "other", build,
+                                        [](const fs::path&) -> Result<void> { return error(ErrorCode::kIo, "no"); }));
+  EXPECT_FALSE(fs::exists(folder / "other"));
 }
 
 TEST(ReadText, SaysWhatIsMissingAndWhatIsAFolder) {

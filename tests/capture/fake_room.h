@@ -25,6 +25,7 @@ struct Room {
   int frozen_after = -1;                              // shows per projector after which the display stands still
   double noise = 0;  // photon and read noise of a camera with this full well [e-]; 0 = none
   int shift_px = 0;  // how far the cameras have moved
+  int bump_at = -1, bump_px = 0, bump_again = 0;  // trigger before which somebody pushes them; and every so many after
   double full_scale = 65535;
   double beside = 1;  // pictures from this share of their width on fall beside the screen, and nothing bounces
   double lamp = 1, flicker = 0;  // brightness of everything, and its change between even and odd photos
@@ -88,6 +89,9 @@ class FakeCamera final : public Camera {
     CS_CHECK(exposure_ms_ > 0, "armed");
     room_->event();
     const int number = room_->triggers++;
+    const int since = room_->bump_at < 0 ? -1 : number - room_->bump_at;
+    if (since == 0 || (since > 0 && room_->bump_again > 0 && since % room_->bump_again == 0))
+      room_->shift_px += room_->bump_px;
     if (number == room_->fail_at) return error(ErrorCode::kDevice, "camera '{}' was unplugged", id_);
     const auto wrong = room_->wrong.find(number);
     const int ago = room_->latency + (wrong == room_->wrong.end() ? 0 : wrong->second);
@@ -178,6 +182,7 @@ inline Devices devices(const std::shared_ptr<Room>& room, const Rig& rig) {
     all.cameras.push_back(std::make_unique<FakeCamera>(room, rig.cameras[c].id, c == 0 ? 64 : 40, c == 0 ? 48 : 56));
   for (const ProjectorSpec& p : rig.projectors)
     all.projectors.push_back(std::make_unique<FakeProjector>(room, p.id, p.resolution[0], p.resolution[1]));
+  all.clock = [](double) {};  // waiting costs nothing
   return all;
 }
 

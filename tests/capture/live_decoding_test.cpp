@@ -54,7 +54,7 @@ void expect_as_decoded(const Captured& c, const fs::path& folder) {
   }
 }
 
-constexpr int kFirst = 3;  // triggers: two to settle, one probe, then one a frame
+constexpr int kFirst = 16;  // triggers: two to settle, 14 that wait for black and white, then one a frame
 
 TEST(LiveDecoding, IsThatOfTheSession) {
   fake::Scratch scratch("live");

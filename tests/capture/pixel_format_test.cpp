@@ -2,6 +2,8 @@
 
 #include <gmock/gmock.h>
 
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <set>
 
 #include "calib/base/random.h"
@@ -88,26 +90,79 @@ TEST(PixelFormat, ColourHasThreeBytesPerPixel) {
   EXPECT_EQ(image->at(1, 0, 2), 6);
 }
 
+TEST(PixelFormat, BlueMayComeFirst) {
+  const PixelFormat f = named("BGR8");
+  const auto image = unpack(f, packed(f, {1, 2, 3, 4, 5, 6}), 2, 1);
+  ASSERT_TRUE(image);
+  EXPECT_EQ(image->at(0, 0, 0), 3);
+  EXPECT_EQ(image->at(1, 0, 1), 5);
+  EXPECT_EQ(image->at(1, 0, 2), 4);
+}
+
+// Against OpenCV's conversion, to a value; grey from 16 to 235 is black to white.
+TEST(PixelFormat, WebcamsShareTheColourOfTwoPixels) {
+  const PixelFormat f = named("YUYV");
+  cv::Mat yuyv(4, 6, CV_8UC2);
+  for (int y = 0; y < 4; ++y)
+    for (int x = 0; x < 6; ++x)
+      yuyv.at<cv::Vec2b>(y, x) = cv::Vec2b(static_cast<std::uint8_t>(16 + 40 * x + 3 * y),
+                                           static_cast<std::uint8_t>(x % 2 ? 150 - 9 * y : 100 + 11 * x));
+  const auto image = unpack(f, {reinterpret_cast<const std::byte*>(yuyv.data), 48}, 6, 4);
+  ASSERT_TRUE(image) << image.error().message;
+  cv::Mat rgb;
+  cv::cvtColor(yuyv, rgb, cv::COLOR_YUV2RGB_YUYV);
+  for (int y = 0; y < 4; ++y)
+    for (int x = 0; x < 6; ++x)
+      for (int c = 0; c < 3; ++c) EXPECT_NEAR(image->at(x, y, c), rgb.at<cv::Vec3b>(y, x)[c], 1.01) << x << y << c;
+  const std::byte grey[] = {std::byte{16}, std::byte{128}, std::byte{235}, std::byte{128}};
+  const auto two = unpack(f, grey, 2, 1);
+  ASSERT_TRUE(two);
+  EXPECT_EQ(two->at(0, 0, 1), 0);
+  EXPECT_EQ(two->at(1, 0, 1), 255);
+}
+
+TEST(PixelFormat, AJpegFileIsReadOrSaysWhatItIs) {
+  const PixelFormat f = named("JPEG");
+  cv::Mat bgr(16, 24, CV_8UC3, cv::Scalar(20, 90, 200));
+  std::vector<std::uint8_t> file;
+  cv::imencode(".jpg", bgr, file, {cv::IMWRITE_JPEG_QUALITY, 100});
+  const std::span bytes(reinterpret_cast<const std::byte*>(file.data()), file.size());
+  const auto image = unpack(f, bytes, 24, 16);
+  ASSERT_TRUE(image) << image.error().message;
+  EXPECT_NEAR(image->at(5, 7, 0), 200, 3);
+  EXPECT_NEAR(image->at(5, 7, 2), 20, 3);
+  EXPECT_THAT(unpack(f, bytes, 16, 16).error().message, HasSubstr("one of 24 x 16"));
+  EXPECT_THAT(unpack(f, bytes.first(9), 24, 16).error().message, HasSubstr("9 bytes came that are none"));
+  EXPECT_FALSE(unpack(f, {}, 24, 16));
+}
+
 TEST(PixelFormat, TheBestForMeasuringIsTakenFirst) {
   EXPECT_EQ(best_format({"Mono8", "Mono12Packed", "Mono12", "BayerRG16"})->name, "Mono12");
   EXPECT_EQ(best_format({"RGB8", "BayerBG8", "BayerBG12"})->name, "BayerBG12");
+  EXPECT_EQ(best_format({"JPEG", "YUYV"})->name, "YUYV");
+  EXPECT_EQ(best_format({"JPEG", "YUYV", "BGR8", "BayerBG8", "Mono8"})->name, "Mono8");
   EXPECT_EQ(best_format({"YUV422Packed"}), std::nullopt);
   std::set<std::uint32_t> codes;
+  std::size_t of_genicam = 0;
   for (const PixelFormat& f : pixel_formats()) {
+    if (!f.faithful()) continue;
+    ++of_genicam;
     codes.insert(f.code);
     EXPECT_EQ(pixel_format(f.code)->name, f.name);
     // Bits per pixel as it travels stand in the code.
-    const int travelling = f.packing == Packing::kBytes   ? f.colours == "RGB" ? 24 : 8
+    const int travelling = f.packing == Packing::kBytes   ? f.colours.size() == 3 ? 24 : 8
                            : f.packing == Packing::kWords ? 16
                            : f.packing == Packing::kBits  ? f.bits
                                                           : 12;
     EXPECT_EQ((f.code >> 16) & 0xff, static_cast<unsigned>(travelling)) << f.name;
   }
-  EXPECT_EQ(codes.size(), pixel_formats().size());
+  EXPECT_EQ(codes.size(), of_genicam);
+  EXPECT_EQ(pixel_format(0), std::nullopt) << "what webcams send has no code";
 }
 
 TEST(PixelFormat, TooFewBytesAreNamed) {
   for (const PixelFormat& f : pixel_formats()) {
+    if (f.packing == Packing::kJpeg) continue;
     const std::vector<std::byte> bytes(f.bytes(9, 4) - 1);
     const auto image = unpack(f, bytes, 9, 4);
     ASSERT_FALSE(image) << f.name;

@@ -139,7 +139,8 @@ TEST(CaptureSession, NoiseIsNeitherTakenForAChangeNorHidesOne) {
 TEST(CaptureSession, DisplayThatStandsStillIsAnErrorThatNamesTheFrame) {
   fake::Scratch scratch("frozen");
   auto room = std::make_shared<Room>();
-  room->frozen_after = 6;  // four shows to settle, a probe, white, black: frame 2 is the first that does not appear
+  // Four shows to settle, seven probes, white, black: frame 2 is the first that does not appear.
+  room->frozen_after = 12;
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kDevice);
@@ -163,7 +164,7 @@ TEST(CaptureSession, PictureThatFallsBesideTheScreenIsNoStaleOne) {
   EXPECT_THAT(listener.said, AllOf(HasSubstr("gray x bit 4"), HasSubstr("falls beside what the cameras see")));
   EXPECT_EQ(photos_in(scratch / "s"), fake::sequence().frames.size());
   room = std::make_shared<Room>();
-  room->beside = 0.5, room->frozen_after = 6;  // and one that stands still is still found
+  room->beside = 0.5, room->frozen_after = 12;  // and one that stands still is still found
   EXPECT_FALSE(run(room, scratch / "frozen"));
 }
 
@@ -179,8 +180,10 @@ TEST(CaptureSession, DisplayThatNeverChangesLeavesNoPhoto) {
   EXPECT_EQ(photos_in(scratch / "s"), 0);
 }
 
-// Triggers: two to settle, one probe, then one a frame.
-constexpr int kFirst = 3;
+// Triggers: two to settle, seven times two until black and white are seen, then one a frame.
+constexpr int kFirst = 16;
+// And one at the end for each projector, of a frame of the beginning.
+constexpr int kLast = 2;
 
 TEST(CaptureSession, InverseThatDoesNotAddUpIsRetaken) {
   fake::Scratch scratch("pair");
@@ -222,7 +225,7 @@ TEST(CaptureSession, ResumeTakesOnlyWhatIsMissing) {
   auto room = std::make_shared<Room>();
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
-  EXPECT_EQ(room->triggers, kFirst + 2);  // the reference twice, the probe, and the two photos
+  EXPECT_EQ(room->triggers, kFirst + 2 + kLast);  // the reference twice, the probes, and the two photos
   EXPECT_THAT(listener.said, AllOf(HasSubstr("0009.tif"), HasSubstr("taken again")));
   EXPECT_EQ(fake::tree(scratch / "s"), expected);
 }
@@ -237,7 +240,8 @@ TEST(CaptureSession, ResumeMeasuresTheLatencyBeforeTheFirstFrame) {
   Listener listener;
   ASSERT_TRUE(run(room, scratch / "s", fake::rig(), listener));
   EXPECT_THAT(listener.said, HasSubstr("each picture is shown 3 times"));
-  EXPECT_EQ(room->triggers, 2 + 3 + 3);  // the reference, the probe until it is seen, and each photo once
+  // The reference, the probe until it is seen, six more probes, and each photo once.
+  EXPECT_EQ(room->triggers, 2 + 3 * 2 + 6 * 2 + 3 + kLast);
   EXPECT_EQ(fake::tree(scratch / "s"), expected);
 }
 
@@ -254,6 +258,59 @@ TEST(CaptureSession, MovedCameraIsRefusedAndNothingStoredChanges) {
   EXPECT_THAT(done.error().message, AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("(allowed 1.0 %)"),
                                           HasSubstr("another folder")));
   EXPECT_EQ(fake::tree(scratch / "s"), before);
+}
+
+TEST(CaptureSession, CameraThatMovesMeanwhileHasAllFramesTakenAgain) {
+  fake::Scratch scratch("bumped");
+  auto moved = std::make_shared<Room>();
+  moved->shift_px = 3;
+  ASSERT_TRUE(run(moved, scratch / "moved"));
+  const auto expected = fake::tree(scratch / "moved");
+  for (const int frame : {1, 6, 9, 16}) {  // of 16: before it is stored; 16: after the last
+    auto room = std::make_shared<Room>();
+    room->bump_at = kFirst + frame, room->bump_px = 3;
+    Listener listener;
+    const fs::path folder = scratch / std::to_string(frame);
+    const auto done = run(room, folder, fake::rig(), listener);
+    ASSERT_TRUE(done) << done.error().message;
+    EXPECT_THAT(listener.said, AllOf(HasSubstr("moved"), HasSubstr("all 16 frames are taken again"))) << frame;
+    EXPECT_TRUE(fs::exists(folder / "outdated/cam/0000.tif")) << "nothing is thrown away";
+    fs::remove_all(folder / "outdated");
+    EXPECT_EQ(fake::tree(folder), expected) << frame;
+  }
+}
+
+// Whenever it is pushed twice: what is accepted shows one view, and what does not is refused.
+TEST(CaptureSession, CameraThatIsPushedTwiceIsRefusedOrAllPhotosShowOneView) {
+  fake::Scratch scratch("restless");
+  std::vector<std::map<std::string, std::string>> views;
+  for (const int shift : {0, 3, 6, 9, 12, 15}) {
+    auto room = std::make_shared<Room>();
+    room->shift_px = shift;
+    const fs::path folder = scratch / fmt::format("view{}", shift);
+    ASSERT_TRUE(run(room, folder));
+    views.push_back(fake::tree(folder));
+  }
+  int refused = 0;
+  for (int again = 8; again < 34; ++again) {
+    auto room = std::make_shared<Room>();
+    room->bump_at = kFirst + 6, room->bump_px = 3, room->bump_again = again;
+    const fs::path folder = scratch / std::to_string(again);
+    Listener listener;
+    const auto done = run(room, folder, fake::rig(), listener);
+    if (!done) {
+      ++refused;
+      continue;
+    }
+    fs::remove_all(folder / "outdated");
+    const auto found = fake::tree(folder);
+    std::string shown;  // the view of each photo
+    for (const auto& [name, bytes] : found)
+      for (std::size_t v = 0; v < views.size() && name.ends_with(".tif"); ++v)
+        if (views[v].at(name) == bytes) shown += std::to_string(v);
+    EXPECT_NE(std::find(views.begin(), views.end(), found), views.end()) << again << ": " << shown << listener.said;
+  }
+  EXPECT_GE(refused, 3);
 }
 
 TEST(CaptureSession, LampThatDriftedALittleIsNoMovedCamera) {
@@ -392,8 +449,8 @@ TEST(CaptureSession, ASinusoidThatIsPhotographedTooEarlyIsTakenAgain) {
   SilentProgress silent;
   const auto room = std::make_shared<Room>();
   ASSERT_TRUE(run(room, scratch / "right", rig, silent, sequence));
-  int retaken = 0;
-  for (int trigger = 5; trigger < room->triggers; ++trigger) {
+  int retaken = 0;  // one projector is lit: half as many photos at the end
+  for (int trigger = kFirst + 2; trigger < room->triggers - kLast / 2; ++trigger) {
     const auto late = std::make_shared<Room>();
     late->wrong[trigger] = 1;
     const fs::path folder = scratch / std::to_string(trigger);

@@ -147,7 +147,7 @@ TEST(Faults, MovedCameraIsPosedAgain) {
 }
 
 TEST(Faults, StaleFrameSeesTheFormerPictureOnce) {
-  const auto good = photos("", 12), bad = photos("stale-frame", 12);
+  const auto good = photos("", 12), bad = photos("stale-frame@12", 12);
   const double noise = mean_difference(good[10].values, good[11].values);
   EXPECT_LT(mean_difference(bad[12].values, good[11].values), 1.5 * noise);
   EXPECT_GT(mean_difference(bad[12].values, good[12].values), 5 * noise);

@@ -47,7 +47,7 @@ void expect_as_decoded(const CodedCapture& captured, const fs::path& folder) {
 TEST(CodedCapture, DecodesWhatTheSessionHoldsAlsoWherePhotosAreRetaken) {
   const TemporaryFolder folder;
   SilentProgress quiet;
-  const auto faults = simdata::parse_faults("stale-frame@15,duplicated-frame@21,dropped-frame@26").value();
+  const auto faults = simdata::parse_faults("stale-frame@22,duplicated-frame@40,dropped-frame@46").value();
   const auto captured = capture_with_code(room().rig, "", "auto", simdata::simulated_devices(simulator(), faults),
                                           folder / "session", quiet);
   ASSERT_TRUE(captured) << captured.error().message;

@@ -18,7 +18,8 @@ const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"decode-real", decode_real},   {"two-wall-loop", two_wall_loop},   {"verify-honest", verify_honest},
     {"sim-faults", sim_faults},     {"sim-speed", sim_speed},           {"sim-truth", sim_truth},
     {"decode-hard", decode_hard},   {"decode-economy", decode_economy}, {"pre-scan", pre_scan},
-    {"decode-speed", decode_speed}, {"lens", lens_calibration},
+    {"decode-speed", decode_speed}, {"lens", lens_calibration},         {"kill", kill_study},
+    {"sync", sync_study},
 };
 
 void print(const Study& study) {

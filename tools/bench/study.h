@@ -44,6 +44,8 @@ Result<Study> decode_economy(const StudyContext& context);
 Result<Study> decode_speed(const StudyContext& context);
 Result<Study> pre_scan(const StudyContext& context);
 Result<Study> lens_calibration(const StudyContext& context);
+Result<Study> kill_study(const StudyContext& context);
+Result<Study> sync_study(const StudyContext& context);
 
 // Writes one picture per room to context.output: plain | indirect light x 4 | a Gray code's stripes | truth.
 Result<void> render_gallery(const StudyContext& context);

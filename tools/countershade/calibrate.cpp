@@ -53,8 +53,8 @@ Result<Answer> run_calibrate(const Options& options, const Context& context) {
     calibrate_options.patches = {options.patches[0], options.patches[1]};
   }
   CS_TRY(const CalibrationSummary summary,
-         calibrate(options.sessions[0], options.out, calibrate_options, *context.progress));
-  CS_TRY_VOID(context.record(options.out, {options.sessions[0] / "sequence.json", options.sessions[0] / "rig.toml"}));
+         calibrate(options.sessions[0], options.out, calibrate_options, *context.progress,
+                   context.recorder({options.sessions[0] / "sequence.json", options.sessions[0] / "rig.toml"})));
   CS_TRY(const std::string document, read_text(options.out / "calibration.json"));
   return Answer{text_of(summary, options.out), document};
 }

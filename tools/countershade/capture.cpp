@@ -83,8 +83,7 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
 Result<Answer> run_patterns(const Options& options, const Context& context) {
   CS_TRY(const Rig rig, read_rig(options.rig));
   const Sequence sequence = capture::default_sequence(rig);
-  CS_TRY_VOID(capture::write_patterns(sequence, options.out));
-  CS_TRY_VOID(context.record(options.out, {options.rig}));
+  CS_TRY_VOID(capture::write_patterns(sequence, options.out, context.recorder({options.rig})));
   return Answer{
       fmt::format("wrote {} frames to {}: show {}/NNNN/<projector>.png on each projector, photograph, then "
                   "countershade import\n",
@@ -100,8 +99,8 @@ Result<Answer> run_import(const Options& options, const Context& context) {
   if (!file.empty()) {
     CS_TRY(sequence, read_sequence(file));
   }
-  CS_TRY_VOID(capture::import_session(rig, sequence, options.photos, options.out, *context.progress));
-  CS_TRY_VOID(context.record(options.out, {options.rig}));
+  CS_TRY_VOID(capture::import_session(rig, sequence, options.photos, options.out, *context.progress,
+                                      context.recorder({options.rig})));
   return session_answer(options.out, sequence.frames.size());
 }
 

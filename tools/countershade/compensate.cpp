@@ -35,10 +35,9 @@ Result<Answer> run_compensate(const Options& options, const Context& context) {
   solver::CompensateOptions how;
   how.bits = options.bits;
   CS_TRY(const Show show, compensate_show(calibration.model, pictures, how, options.engine, *context.progress));
-  CS_TRY_VOID(write_show(calibration.model, show, options.bits, options.out));
   std::vector<std::filesystem::path> inputs{options.calibration / "calibration.json"};
   for (const std::string& text : options.pictures) inputs.push_back(parse_named_picture(text).file);
-  CS_TRY_VOID(context.record(options.out, inputs));
+  CS_TRY_VOID(write_show(calibration.model, show, options.bits, options.out, context.recorder(inputs)));
   const solver::FrameReport& r = show.compensated.report;
   return Answer{
       fmt::format("{} on {}: solver {}, {} gathers, {:.1f} % of white scattered at most, {:.2f} % of pixels "

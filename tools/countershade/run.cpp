@@ -47,10 +47,9 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   CS_TRY(const Rig rig, read_rig(options.rig));
   const fs::path session = options.out / "session", calibration_folder = options.out / "calibration",
                  report = options.out / "report";
-  for (const fs::path& made : {calibration_folder, report})
-    if (fs::exists(made))
-      return error(ErrorCode::kExists, "'{}' exists already; choose another folder with -o or remove it",
-                   made.string());
+  if (fs::exists(report))
+    return error(ErrorCode::kExists, "'{}' exists already; choose another folder with -o or remove it",
+                 report.string());
   std::error_code code;
   fs::create_directories(options.out, code);
   if (code) return error(ErrorCode::kIo, "cannot create '{}': {}", options.out.string(), code.message());
@@ -62,12 +61,17 @@ Result<Answer> run_all(const Options& options, const Context& context) {
   const std::string simulation = open.simulator ? simulation_text(open.simulator->simulation()) : "";
   CS_TRY(const CodedCapture coded, capture_with_code(rig, simulation, "auto", open.devices, session, progress));
   const double captured = watch.lap();
-  CalibrateOptions calibrate_options;
-  calibrate_options.decoded = coded.decoded;
-  CS_TRY(const CalibrationSummary summary, calibrate(session, calibration_folder, calibrate_options, progress));
-  CS_TRY_VOID(context.record(calibration_folder, {session / "sequence.json", session / "rig.toml"}));
+  if (fs::exists(calibration_folder)) {
+    progress.note(fmt::format("'{}' stands already: it is not made anew", calibration_folder.string()));
+  } else {
+    CalibrateOptions calibrate_options;
+    calibrate_options.decoded = coded.decoded;
+    CS_TRY_VOID(calibrate(session, calibration_folder, calibrate_options, progress,
+                          context.recorder({session / "sequence.json", session / "rig.toml"})));
+  }
   const double calibrated = watch.lap();
   CS_TRY(const Calibration calibration, open_calibration(calibration_folder));
+  const CalibrationSummary& summary = calibration.summary;
   const solver::PixelGeometry pixels = pixels_of(calibration);
   CS_TRY(const std::vector<Picture> pictures, test_pictures(calibration.model, options.picture));
   CS_TRY(const Show show, compensate_show(calibration.model, pictures, {}, Engine::kAuto, progress));
@@ -95,8 +99,8 @@ Result<Answer> run_all(const Options& options, const Context& context) {
                             captured,
                             calibrated + show.milliseconds / 1000};
   CS_TRY(const Verification v,
-         report_verification(calibration, calibration_folder, pixels, photos, &show, about, report));
-  CS_TRY_VOID(context.record(report, {calibration_folder / "calibration.json"}));
+         report_verification(calibration, calibration_folder, pixels, photos, &show, about, report,
+                             context.recorder({calibration_folder / "calibration.json"})));
   const VerifyNumbers& n = v.numbers;
   std::string text = choices_text(coded);
   text += fmt::format(
@@ -118,7 +122,7 @@ void add_run(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   verb->add_option("rig", options->rig, "rig.toml")->required();
   verb->add_option("-o,--output", options->out,
-                   "folder for session, calibration and report; a session in it is resumed")
+                   "folder for session, calibration and report; a job that was stopped goes on where it stood")
       ->capture_default_str();
   verb->add_option("--test-picture", options->picture, "picture to verify with")->capture_default_str();
   verb->add_option("--exposures", options->exposures, "photos averaged for each picture")

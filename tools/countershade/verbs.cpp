@@ -1,7 +1,5 @@
 #include "tools/countershade/verbs.h"
 
-#include "calib/file/file.h"
-
 namespace countershade::tools {
 
 double Context::seconds() const {
@@ -20,6 +18,10 @@ Result<void> Context::record(const std::filesystem::path& folder,
     provenance.input_hashes.emplace_back(std::filesystem::absolute(path).lexically_normal().string(), hash);
   }
   return write_provenance(folder, provenance);
+}
+
+FillFolder Context::recorder(std::vector<std::filesystem::path> inputs) const {
+  return [this, inputs = std::move(inputs)](const std::filesystem::path& hidden) { return record(hidden, inputs); };
 }
 
 }  // namespace countershade::tools

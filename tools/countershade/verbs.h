@@ -9,6 +9,7 @@
 
 #include "calib/base/progress.h"
 #include "calib/base/result.h"
+#include "calib/file/file.h"
 
 namespace CLI {
 class App;
@@ -32,6 +33,8 @@ struct Context {
   double seconds() const;  // since the start
   // provenance.json beside an output (HOUSE.md): version, command, options, seconds, and hashes of the given inputs.
   Result<void> record(const std::filesystem::path& folder, const std::vector<std::filesystem::path>& inputs) const;
+  // The same, to be done before an output folder appears (create_folder_atomically).
+  FillFolder recorder(std::vector<std::filesystem::path> inputs) const;
 };
 
 using Action = std::function<Result<Answer>(const Context&)>;

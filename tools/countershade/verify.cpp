@@ -139,9 +139,9 @@ Result<Answer> run_verify(const Options& options, const Context& context) {
        {"picture", options.pictures.empty() ? options.picture : fmt::format("{}", fmt::join(options.pictures, ", "))}}};
   ReportContext about{options.calibration.string(), context.options, {effort}, {}, {}};
   add_seconds(options.calibration, about);
-  CS_TRY(const Verification v, report_verification(calibration, options.calibration, pixels, photos,
-                                                   options.photos.empty() ? &show : nullptr, about, options.out));
-  CS_TRY_VOID(context.record(options.out, {options.calibration / "calibration.json"}));
+  CS_TRY(const Verification v,
+         report_verification(calibration, options.calibration, pixels, photos, options.photos.empty() ? &show : nullptr,
+                             about, options.out, context.recorder({options.calibration / "calibration.json"})));
   return Answer{text_of(v, options.out), numbers_json(v.numbers, v.verdict), v.verdict.pass ? 0 : 1};
 }
 

@@ -498,14 +498,17 @@ const CameraSpec& camera_to_use(const Rig& rig) {
 }
 
 Result<CalibrationSummary> calibrate(const fs::path& session_folder, const fs::path& out,
-                                     const CalibrateOptions& options, Progress& progress) {
+                                     const CalibrateOptions& options, Progress& progress, const FillFolder& record) {
   CS_TRY(const Session session, Session::open(session_folder));
   CalibrationSummary summary;
   summary.session_frames = static_cast<int>(session.sequence().frames.size());
-  CS_TRY_VOID(create_folder_atomically(out, [&](const fs::path& folder) -> Result<void> {
-    CS_TRY_VOID(fill(session, folder, options, summary, progress));
-    return write_atomically(folder / "calibration.json", summary_json(summary).dump(1) + "\n");
-  }));
+  CS_TRY_VOID(create_folder_atomically(
+      out,
+      [&](const fs::path& folder) -> Result<void> {
+        CS_TRY_VOID(fill(session, folder, options, summary, progress));
+        return write_atomically(folder / "calibration.json", summary_json(summary).dump(1) + "\n");
+      },
+      record));
   return summary;
 }
 

@@ -8,6 +8,7 @@
 
 #include "calib/base/progress.h"
 #include "calib/base/result.h"
+#include "calib/file/file.h"
 #include "calib/file/session.h"
 #include "capture/pattern/decode.h"
 #include "solver/fit/geometry_fit.h"
@@ -55,7 +56,8 @@ struct CalibrationSummary {
 //   geometry/camera.cameramodel  the camera that the model's world is the frame of
 // Sessions of several cameras: the first one with a lens model counts.
 Result<CalibrationSummary> calibrate(const std::filesystem::path& session, const std::filesystem::path& out,
-                                     const CalibrateOptions& options, Progress& progress);
+                                     const CalibrateOptions& options, Progress& progress,
+                                     const FillFolder& record = {});
 
 // The first camera with a lens model, else the first.
 const CameraSpec& camera_to_use(const Rig& rig);

@@ -57,10 +57,12 @@ std::optional<Sequence> stored_sequence(const fs::path& folder, const Sequence& 
 
 // Captures what is missing of the sequence, and decodes it meanwhile.
 Result<void> capture_and_decode(const Rig& rig, const std::string& simulation_toml, const capture::Devices& devices,
-                                const fs::path& folder, bool extend, CodedCapture& captured, Progress& progress) {
+                                const fs::path& folder, bool extend, capture::Lateness& lateness,
+                                CodedCapture& captured, Progress& progress) {
   capture::LiveDecoding decoding(folder, captured.sequence, camera_to_use(rig).id);
   capture::CaptureOptions options;
   options.extend = extend;
+  options.lateness = &lateness;
   options.stored = [&](int frame) { decoding.stored(frame); };
   CS_TRY_VOID(capture::capture_session(rig, simulation_toml, captured.sequence, devices, folder, options, progress));
   for (Result<capture::Correspondence>& c : decoding.finish())
@@ -79,15 +81,18 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
   if (std::find(names.begin(), names.end(), code) == names.end())
     return error(ErrorCode::kBadValue, "there is no code '{}'; nearest valid name is '{}'", code, nearest(code, names));
   CodedCapture captured;
+  capture::Lateness lateness;
   std::vector<std::string> codes(rig.projectors.size(), code);
   if (code == "auto") {
     const Sequence base = capture::base_sequence(rig);
     if (const auto stored = stored_sequence(folder, base)) {
       captured.sequence = *stored;
-      CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, false, captured, progress));
+      CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, false, lateness, captured, progress));
       return captured;
     }
-    CS_TRY_VOID(capture::capture_session(rig, simulation_toml, base, devices, folder, {}, progress));
+    capture::CaptureOptions options;
+    options.lateness = &lateness;
+    CS_TRY_VOID(capture::capture_session(rig, simulation_toml, base, devices, folder, options, progress));
     CS_TRY(const Session session, Session::open(folder));
     for (std::size_t q = 0; q < codes.size(); ++q) {
       CS_TRY(capture::CodeChoice choice, choose_for_all(session, rig.projectors[q].id));
@@ -95,10 +100,11 @@ Result<CodedCapture> capture_with_code(const Rig& rig, const std::string& simula
       captured.choices.push_back(std::move(choice));
     }
   }
-  CS_TRY(captured.sequence, capture::sequence_with(rig, codes));
-  CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, code == "auto", captured, progress));
+  // Before the sequence grows: a session that has grown has it, whenever the power goes.
   if (!captured.choices.empty())
     CS_TRY_VOID(write_atomically(folder / kChoiceFile, capture::choices_json(captured.choices)));
+  CS_TRY(captured.sequence, capture::sequence_with(rig, codes));
+  CS_TRY_VOID(capture_and_decode(rig, simulation_toml, devices, folder, code == "auto", lateness, captured, progress));
   return captured;
 }
 

@@ -98,12 +98,16 @@ Result<Show> compensate_show(const solver::Model& model, std::span<const Picture
   return show;
 }
 
-Result<void> write_show(const solver::Model& model, const Show& show, int bits, const std::filesystem::path& folder) {
-  return create_folder_atomically(folder, [&](const std::filesystem::path& hidden) -> Result<void> {
-    for (std::size_t q = 0; q < model.projectors.size(); ++q)
-      CS_TRY_VOID(write_picture(hidden / (model.projectors[q].id + ".png"), show.compensated.pictures[q], bits));
-    return {};
-  });
+Result<void> write_show(const solver::Model& model, const Show& show, int bits, const std::filesystem::path& folder,
+                        const FillFolder& record) {
+  return create_folder_atomically(
+      folder,
+      [&](const std::filesystem::path& hidden) -> Result<void> {
+        for (std::size_t q = 0; q < model.projectors.size(); ++q)
+          CS_TRY_VOID(write_picture(hidden / (model.projectors[q].id + ".png"), show.compensated.pictures[q], bits));
+        return {};
+      },
+      record);
 }
 
 }  // namespace countershade::tools

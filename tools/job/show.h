@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "calib/base/progress.h"
+#include "calib/file/file.h"
 #include "solver/compensate/compensate.h"
 
 namespace countershade::tools {
@@ -38,6 +39,7 @@ Result<Show> compensate_show(const solver::Model& model, std::span<const Picture
                              const solver::CompensateOptions& options, Engine engine, Progress& progress);
 
 // Writes <id>.png for every projector; the folder appears whole.
-Result<void> write_show(const solver::Model& model, const Show& show, int bits, const std::filesystem::path& folder);
+Result<void> write_show(const solver::Model& model, const Show& show, int bits, const std::filesystem::path& folder,
+                        const FillFolder& record = {});
 
 }  // namespace countershade::tools

@@ -109,7 +109,8 @@ Mask clipped_pixels(const solver::PixelGeometry& pixels, const Show& show) {
 Result<Verification> report_verification(const Calibration& calibration,
                                          const std::filesystem::path& calibration_folder,
                                          const solver::PixelGeometry& pixels, const Photographs& photos,
-                                         const Show* show, ReportContext context, const std::filesystem::path& out) {
+                                         const Show* show, ReportContext context, const std::filesystem::path& out,
+                                         const FillFolder& record) {
   const VerifyMasks masks = verify_masks(calibration, pixels, photos.target);
   const CalibrationSummary& summary = calibration.summary;
   Report report;
@@ -151,7 +152,7 @@ Result<Verification> report_verification(const Calibration& calibration,
            png});
   }
   report.notes = summary.notes;
-  CS_TRY_VOID(write_report(out, report));
+  CS_TRY_VOID(write_report(out, report, record));
   return Verification{report.numbers, report.verdict};
 }
 

@@ -42,6 +42,7 @@ Mask clipped_pixels(const solver::PixelGeometry& pixels, const Show& show);
 Result<Verification> report_verification(const Calibration& calibration,
                                          const std::filesystem::path& calibration_folder,
                                          const solver::PixelGeometry& pixels, const Photographs& photos,
-                                         const Show* show, ReportContext context, const std::filesystem::path& out);
+                                         const Show* show, ReportContext context, const std::filesystem::path& out,
+                                         const FillFolder& record = {});
 
 }  // namespace countershade::tools

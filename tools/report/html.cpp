@@ -368,14 +368,17 @@ Result<std::string> page(const Report& r) {
 
 }  // namespace
 
-Result<void> write_report(const fs::path& folder, const Report& r) {
-  return create_folder_atomically(folder, [&](const fs::path& hidden) -> Result<void> {
-    const VerifyInput& in = r.input;
-    CS_TRY_VOID(write_pictures(hidden, {in.uncompensated, in.compensated, in.target, in.lit}, in.white));
-    CS_TRY_VOID(write_atomically(hidden / "numbers.json", numbers_json(r.numbers, r.verdict)));
-    CS_TRY(const std::string html, page(r));
-    return write_atomically(hidden / "report.html", html);
-  });
+Result<void> write_report(const fs::path& folder, const Report& r, const FillFolder& record) {
+  return create_folder_atomically(
+      folder,
+      [&](const fs::path& hidden) -> Result<void> {
+        const VerifyInput& in = r.input;
+        CS_TRY_VOID(write_pictures(hidden, {in.uncompensated, in.compensated, in.target, in.lit}, in.white));
+        CS_TRY_VOID(write_atomically(hidden / "numbers.json", numbers_json(r.numbers, r.verdict)));
+        CS_TRY(const std::string html, page(r));
+        return write_atomically(hidden / "report.html", html);
+      },
+      record);
 }
 
 }  // namespace countershade::tools

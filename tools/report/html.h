@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "calib/base/result.h"
+#include "calib/file/file.h"
 #include "tools/report/metrics.h"
 
 namespace countershade::tools {
@@ -39,6 +40,6 @@ struct Report {
 // report.html, numbers.json, u.png, c.png, t.png, difference_uncompensated.png, difference_compensated.png and
 // difference_compensated_x5.png (all lit pixels, +-10 % of white; the last +-2 %). The folder appears whole.
 // Errors: kExists, kIo, kBadFile for an exhibit that cannot be read.
-Result<void> write_report(const std::filesystem::path& folder, const Report& report);
+Result<void> write_report(const std::filesystem::path& folder, const Report& report, const FillFolder& record = {});
 
 }  // namespace countershade::tools
