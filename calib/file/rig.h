@@ -13,7 +13,7 @@ namespace countershade {
 
 struct CameraSpec {
   std::string id;
-  std::string backend = "folder";  // folder | simulated | aravis (v4l2, libcamera are refused by name until built)
+  std::string backend = "folder";  // folder | simulated | aravis | v4l2 (libcamera is refused by name until built)
   std::string device;              // what the backend opens: a folder's path; of aravis serial number, address or name
   std::filesystem::path model;     // .cameramodel, resolved against the rig's folder; empty = none
   std::string pose = "unknown";    // unknown | known (then the model's extrinsics count)

@@ -69,7 +69,7 @@ const double kFar = 1000, kMostPixels = 32768;
 Fields fields_of(CameraSpec& c) {
   return {
       {"id", &c.id, id(), "name; its photos are stored under it"},
-      {"backend", &c.backend, text({"folder", "simulated", "aravis"}, {"v4l2", "libcamera"}),
+      {"backend", &c.backend, text({"folder", "simulated", "aravis", "v4l2"}, {"libcamera"}),
        "who takes the photos: folder | simulated | aravis (GigE Vision, USB3 Vision)"},
       {"device", &c.device, any(), "a folder's path; of aravis serial number, IP address or name", "the only one",
        "\"photos\""},

@@ -244,13 +244,7 @@ Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer) {
   exposure.exposure_ms = exposure_ms_;
   exposure.timestamp_s = static_cast<double>(arv_buffer_get_timestamp(buffer)) * 1e-9;
   exposure.counter = photos_++;
-  const int channels = exposure.values.channels();
-  std::size_t full = 0;
-  for (std::size_t i = 0; i < exposure.values.pixels(); ++i) {
-    const float* v = exposure.values.data().data() + i * channels;
-    full += std::any_of(v, v + channels, [&](float x) { return x >= exposure.full_scale; });
-  }
-  exposure.saturated = static_cast<double>(full) / static_cast<double>(exposure.values.pixels());
+  exposure.saturated = saturated_share(exposure.values, exposure.full_scale);
   return exposure;
 }
 

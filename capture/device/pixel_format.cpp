@@ -1,6 +1,8 @@
 #include "capture/device/pixel_format.h"
 
 #include <algorithm>
+#include <cmath>
+#include <opencv2/imgcodecs.hpp>
 
 #include "calib/image/demosaic.h"
 
@@ -37,6 +39,9 @@ std::vector<PixelFormat> all_formats() {
                                       : b.code8,
                          bits, bits == 8 ? Packing::kBytes : Packing::kWords, b.colours});
   formats.push_back({"RGB8", 0x02180014, 8, Packing::kBytes, "RGB"});
+  formats.push_back({"BGR8", 0x02180015, 8, Packing::kBytes, "BGR"});
+  formats.push_back({"YUYV", 0, 8, Packing::kYuyv, "RGB"});
+  formats.push_back({"JPEG", 0, 8, Packing::kJpeg, "RGB"});
   return formats;
 }
 
@@ -58,14 +63,53 @@ std::uint32_t value_at(const PixelFormat& format, const std::uint8_t* bytes, std
       const std::uint32_t high = three[i % 2 ? 2 : 0], rest = three[1] >> (i % 2 ? 4 : 0);
       return high << low | (rest & ((1u << low) - 1));
     }
+    case Packing::kYuyv:
+    case Packing::kJpeg:
+      break;  // have no values one by one
   }
   return 0;
+}
+
+float rounded(double value) {
+  return static_cast<float>(std::round(std::clamp(value, 0.0, 255.0)));
+}
+
+// BT.601, studio range; the chroma of a pair belongs to both.
+Image from_yuyv(const std::uint8_t* bytes, int width, int height) {
+  Image rgb(width, height, 3);
+  const std::size_t row = static_cast<std::size_t>(width + 1) / 2 * 4;
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const std::uint8_t* pair = bytes + y * row + x / 2 * 4;
+      const double luma = 255.0 / 219 * (pair[x % 2 ? 2 : 0] - 16), u = 255.0 / 224 * (pair[1] - 128),
+                   v = 255.0 / 224 * (pair[3] - 128);
+      rgb.at(x, y, 0) = rounded(luma + 1.402 * v);
+      rgb.at(x, y, 1) = rounded(luma - 0.344136 * u - 0.714136 * v);
+      rgb.at(x, y, 2) = rounded(luma + 1.772 * u);
+    }
+  return rgb;
+}
+
+Result<Image> from_jpeg(std::span<const std::byte> bytes, int width, int height) {
+  cv::Mat bgr;
+  if (!bytes.empty()) {
+    const cv::Mat file(1, static_cast<int>(bytes.size()), CV_8U, const_cast<std::byte*>(bytes.data()));
+    bgr = cv::imdecode(file, cv::IMREAD_COLOR | cv::IMREAD_IGNORE_ORIENTATION);
+  }
+  if (bgr.cols != width || bgr.rows != height)
+    return error(ErrorCode::kDevice, "a JPEG picture of {} x {} pixels was awaited; {} bytes came that are {}", width,
+                 height, bytes.size(), bgr.empty() ? "none" : fmt::format("one of {} x {}", bgr.cols, bgr.rows));
+  Image rgb(width, height, 3);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x)
+      for (int c = 0; c < 3; ++c) rgb.at(x, y, c) = bgr.at<cv::Vec3b>(y, x)[2 - c];
+  return rgb;
 }
 
 }  // namespace
 
 std::size_t PixelFormat::bytes(int width, int height) const {
-  const std::size_t values = static_cast<std::size_t>(width) * height * (colours == "RGB" ? 3 : 1);
+  const std::size_t values = static_cast<std::size_t>(width) * height * (colours.size() == 3 ? 3 : 1);
   switch (packing) {
     case Packing::kBytes:
       return values;
@@ -75,6 +119,10 @@ std::size_t PixelFormat::bytes(int width, int height) const {
       return (values * bits + 7) / 8;
     case Packing::kOldPacked:
       return (values + 1) / 2 * 3;
+    case Packing::kYuyv:
+      return static_cast<std::size_t>(width + 1) / 2 * 4 * height;
+    case Packing::kJpeg:
+      return 0;
   }
   return 0;
 }
@@ -86,7 +134,7 @@ const std::vector<PixelFormat>& pixel_formats() {
 
 std::optional<PixelFormat> pixel_format(std::uint32_t code) {
   for (const PixelFormat& f : pixel_formats())
-    if (f.code == code) return f;
+    if (f.code == code && code != 0) return f;
   return std::nullopt;
 }
 
@@ -100,7 +148,10 @@ Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes
   if (width <= 0 || height <= 0 || bytes.size() < format.bytes(width, height))
     return error(ErrorCode::kDevice, "a picture of {} x {} pixels in {} has {} bytes, {} came", width, height,
                  format.name, width > 0 && height > 0 ? format.bytes(width, height) : 0, bytes.size());
-  const int channels = format.colours == "RGB" ? 3 : 1;
+  const int channels = format.colours.size() == 3 ? 3 : 1;
+  if (format.packing == Packing::kJpeg) return from_jpeg(bytes, width, height);
+  if (format.packing == Packing::kYuyv)
+    return from_yuyv(reinterpret_cast<const std::uint8_t*>(bytes.data()), width, height);
   Image stored(width, height, channels);
   // The last value of a packed picture may end in the last byte: what is read beyond it must exist.
   std::vector<std::uint8_t> tail;
@@ -112,8 +163,20 @@ Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes
   }
   for (std::size_t i = 0; i < stored.data().size(); ++i)
     stored.data()[i] = static_cast<float>(value_at(format, from, i));
-  if (format.colours.empty() || format.colours == "RGB") return stored;
+  if (format.colours == "BGR")
+    for (std::size_t i = 0; i < stored.pixels(); ++i) std::swap(stored.data()[3 * i], stored.data()[3 * i + 2]);
+  if (format.colours.empty() || channels == 3) return stored;
   return demosaiced(stored, format.colours);
+}
+
+double saturated_share(const Image& values, double full_scale) {
+  const int channels = values.channels();
+  std::size_t full = 0;
+  for (std::size_t i = 0; i < values.pixels(); ++i) {
+    const float* v = values.data().data() + i * channels;
+    full += std::any_of(v, v + channels, [&](float x) { return x >= full_scale; });
+  }
+  return static_cast<double>(full) / static_cast<double>(std::max<std::size_t>(1, values.pixels()));
 }
 
 }  // namespace countershade::capture

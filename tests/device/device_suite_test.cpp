@@ -12,9 +12,12 @@
 #include "calib/image/image_file.h"
 #include "capture/device/aravis.h"
 #include "capture/device/folder.h"
+#include "capture/device/v4l2.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tests/device/gige_camera.h"
+#include "tests/device/u3v_camera.h"
+#include "tests/device/uvc_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {
@@ -26,7 +29,9 @@ using ::testing::HasSubstr;
 // A rig that is plugged in: two projectors, one camera that sees what both show.
 struct Bench {
   std::shared_ptr<testing::GigeCamera> gige;  // is unplugged last: who talks to it waits for answers
-  std::function<void()> unplug;               // takes the camera away; none where it cannot go
+  std::shared_ptr<testing::UvcCamera> webcam;
+  std::shared_ptr<testing::U3vCamera> usb3;
+  std::function<void()> unplug;  // takes the camera away; none where it cannot go
   Rig rig;
   capture::Devices devices;
   std::function<void()> before_trigger = [] {};  // what a person does between the picture and the photo
@@ -87,6 +92,14 @@ Bench folders() {
   return bench;
 }
 
+// 16 bits of a photo's first channel.
+std::vector<std::uint16_t> grey_of(const capture::Exposure& e) {
+  std::vector<std::uint16_t> values;
+  for (std::size_t i = 0; i < e.values.pixels(); ++i)
+    values.push_back(static_cast<std::uint16_t>(e.values.data()[i * e.values.channels()] / e.full_scale * 65535));
+  return values;
+}
+
 // A GigE Vision camera on a network of this process: real packets through Aravis; what it sees is the simulated room.
 Bench gige() {
   Bench bench;
@@ -105,16 +118,66 @@ Bench gige() {
   options.width = size[0], options.height = size[1], options.formats = {"Mono16"};
   bench.gige = std::make_shared<testing::GigeCamera>(options, [optics](double exposure_ms) {
     CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
-    const capture::Exposure e = optics->cameras[0]->trigger().value();
-    std::vector<std::uint16_t> values;
-    for (std::size_t i = 0; i < e.values.pixels(); ++i)
-      values.push_back(static_cast<std::uint16_t>(e.values.data()[i * e.values.channels()] / e.full_scale * 65535));
-    return values;
+    return grey_of(optics->cameras[0]->trigger().value());
   });
   auto camera = capture::open_aravis_camera("camera", "", {.timeout_s = 1});
   CS_CHECK(camera.has_value(), camera ? "" : camera.error().message);
   bench.devices.cameras.push_back(std::move(*camera));
   bench.unplug = [gige = bench.gige] { gige->unplug(); };
+  return bench;
+}
+
+// A USB webcam that the kernel's own driver binds to; what it sees is the simulated room.
+Bench webcam() {
+  Bench bench;
+  const auto optics = std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));
+  bench.rig = small_room().rig;
+  bench.devices.projectors = std::move(optics->projectors);
+  bench.devices.clock = optics->clock;
+  testing::UvcOptions options;
+  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
+  options.width = size[0], options.height = size[1], options.rate = 10;
+  bench.webcam = std::make_shared<testing::UvcCamera>(options, [optics](double exposure_ms) {
+    CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
+    return grey_of(optics->cameras[0]->trigger().value());
+  });
+  if (bench.missing = bench.webcam->plug_in(); !bench.missing.empty()) return bench;
+  for (int i = 0; i < 100 && bench.devices.cameras.empty(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    auto camera = capture::open_v4l2_camera("camera", "Room webcam: Room webcam", {.timeout_s = 2});
+    if (camera) bench.devices.cameras.push_back(std::move(*camera));
+  }
+  CS_CHECK(!bench.devices.cameras.empty(), "uvcvideo binds to the webcam");
+  bench.unplug = [webcam = bench.webcam] { webcam->unplug(); };
+  return bench;
+}
+
+// A USB3 Vision camera, through Aravis and libusb.
+Bench usb3() {
+  Bench bench;
+  if (!capture::has_aravis()) {
+    bench.missing = "built without Aravis";
+    return bench;
+  }
+  const auto optics = std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));
+  bench.rig = small_room().rig;
+  bench.devices.projectors = std::move(optics->projectors);
+  bench.devices.clock = optics->clock;
+  testing::U3vOptions options;
+  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
+  options.width = size[0], options.height = size[1], options.formats = {"Mono16"};
+  bench.usb3 = std::make_shared<testing::U3vCamera>(options, [optics](double exposure_ms) {
+    CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
+    return grey_of(optics->cameras[0]->trigger().value());
+  });
+  if (bench.missing = bench.usb3->plug_in(); !bench.missing.empty()) return bench;
+  for (int i = 0; i < 60 && bench.devices.cameras.empty(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(250));
+    auto camera = capture::open_aravis_camera("camera", options.serial, {.timeout_s = 2});
+    if (camera) bench.devices.cameras.push_back(std::move(*camera));
+  }
+  CS_CHECK(!bench.devices.cameras.empty(), "Aravis opens the camera");
+  bench.unplug = [usb3 = bench.usb3] { usb3->unplug(); };
   return bench;
 }
 
@@ -125,7 +188,8 @@ struct Backend {
 void PrintTo(const Backend& backend, std::ostream* to) {
   *to << backend.name;
 }
-const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Gige", gige}};
+const Backend kBackends[] = {
+    {"Simulated", simulated}, {"Folder", folders}, {"Gige", gige}, {"Webcam", webcam}, {"Usb3", usb3}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {
  protected:

@@ -16,12 +16,13 @@
 
 #include "calib/base/check.h"
 #include "capture/device/pixel_format.h"
+#include "tests/device/genicam.h"
 
 namespace countershade::testing {
 
 namespace {
 
-// Bootstrap registers of GigE Vision, then ours.
+// Bootstrap registers of GigE Vision; those of genicam.h are ours.
 enum Register : std::uint32_t {
   kVersion = 0x0,
   kMode = 0x4,
@@ -43,90 +44,10 @@ enum Register : std::uint32_t {
   kStreamPort = 0xd00,
   kPacketSize = 0xd04,
   kStreamAddress = 0xd18,
-  kWidth = 0xa100,
-  kHeight = 0xa104,
-  kFormat = 0xa108,
-  kExposure = 0xa10c,
-  kExposureAuto = 0xa110,
-  kRun = 0xa114,
-  kTriggerMode = 0xa118,
-  kTriggerSource = 0xa11c,
-  kTrigger = 0xa120,
-  kZero = 0xa124,
-  kAcquisitionMode = 0xa128,
 };
 constexpr std::uint32_t kXmlAt = 0x10000, kEnd = 0x20000;
 constexpr std::uint32_t kFireTest = 0x80000000;
 constexpr int kHeaders = 28;  // of IP and UDP, which the packet size includes
-
-std::string registers_xml() {
-  std::string text;
-  for (const auto& [name, address] : {std::pair("WidthReg", kWidth),
-                                      {"HeightReg", kHeight},
-                                      {"FormatReg", kFormat},
-                                      {"ExposureReg", kExposure},
-                                      {"AutoReg", kExposureAuto},
-                                      {"RunReg", kRun},
-                                      {"TriggerModeReg", kTriggerMode},
-                                      {"TriggerSourceReg", kTriggerSource},
-                                      {"TriggerReg", kTrigger},
-                                      {"ZeroReg", kZero},
-                                      {"ModeReg", kAcquisitionMode}})
-    text += fmt::format(
-        "<IntReg Name=\"{}\"><Address>{:#x}</Address><Length>4</Length><AccessMode>RW</AccessMode><pPort>Device</pPort>"
-        "<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess></IntReg>\n",
-        name, static_cast<std::uint32_t>(address));
-  return text;
-}
-
-std::string enumeration(const std::string& name, const std::vector<std::pair<std::string, std::uint32_t>>& entries,
-                        const std::string& in) {
-  std::string text = fmt::format("<Enumeration Name=\"{}\">", name);
-  for (const auto& [entry, value] : entries)
-    text += fmt::format("<EnumEntry Name=\"{}\"><Value>{}</Value></EnumEntry>", entry, value);
-  return text + fmt::format("<pValue>{}</pValue></Enumeration>\n", in);
-}
-
-std::string integer(const std::string& name, const std::string& in, long long least, long long most) {
-  return fmt::format("<Integer Name=\"{}\"><pValue>{}</pValue><Min>{}</Min><Max>{}</Max></Integer>\n", name, in, least,
-                     most);
-}
-
-std::string description(const GigeOptions& options) {
-  std::vector<std::pair<std::string, std::uint32_t>> formats;
-  for (const capture::PixelFormat& f : capture::pixel_formats())
-    if (std::find(options.formats.begin(), options.formats.end(), f.name) != options.formats.end())
-      formats.emplace_back(f.name, f.code);
-  std::string features;
-  for (const char* f : {"Width", "Height", "PixelFormat", "AcquisitionMode", "AcquisitionStart", "AcquisitionStop",
-                        "ExposureTime", "ExposureAuto", "TriggerSelector", "TriggerMode", "TriggerSource",
-                        "TriggerActivation", "TriggerSoftware", "PayloadSize"})
-    features += fmt::format("<pFeature>{}</pFeature>", f);
-  return "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n"
-         "<RegisterDescription ModelName=\"RoomCamera\" VendorName=\"Countershade\" ToolTip=\"tests\" "
-         "StandardNameSpace=\"GEV\" SchemaMajorVersion=\"1\" SchemaMinorVersion=\"1\" SchemaSubMinorVersion=\"0\" "
-         "MajorVersion=\"1\" MinorVersion=\"0\" SubMinorVersion=\"0\" "
-         "ProductGuid=\"0e4a1c52-7f0d-4a0e-8c4e-2f3b7d9a6b10\" VersionGuid=\"0e4a1c52-7f0d-4a0e-8c4e-2f3b7d9a6b11\" "
-         "xmlns=\"http://www.genicam.org/GenApi/Version_1_1\">\n<Category Name=\"Root\">" +
-         features + "</Category>\n" + integer("Width", "WidthReg", options.width, options.width) +
-         integer("Height", "HeightReg", options.height, options.height) +
-         enumeration("PixelFormat", formats, "FormatReg") +
-         enumeration("AcquisitionMode", {{"Continuous", 0}}, "ModeReg") +
-         "<Command Name=\"AcquisitionStart\"><pValue>RunReg</pValue><CommandValue>1</CommandValue></Command>\n"
-         "<Command Name=\"AcquisitionStop\"><pValue>RunReg</pValue><CommandValue>0</CommandValue></Command>\n"
-         "<Float "
-         "Name=\"ExposureTime\"><pValue>ExposureReg</pValue><Min>10</Min><Max>1000000</Max><Unit>us</Unit></Float>\n" +
-         enumeration("ExposureAuto", {{"Off", 0}, {"Continuous", 1}}, "AutoReg") +
-         enumeration("TriggerSelector", {{"FrameStart", 0}}, "ZeroReg") +
-         enumeration("TriggerMode", {{"Off", 0}, {"On", 1}}, "TriggerModeReg") +
-         enumeration("TriggerSource", {{"Line0", 0}, {"Software", 1}}, "TriggerSourceReg") +
-         enumeration("TriggerActivation", {{"RisingEdge", 0}}, "ZeroReg") +
-         "<Command Name=\"TriggerSoftware\"><pValue>TriggerReg</pValue><CommandValue>1</CommandValue></Command>\n"
-         "<IntSwissKnife Name=\"PayloadSize\"><pVariable Name=\"W\">WidthReg</pVariable><pVariable "
-         "Name=\"H\">HeightReg</pVariable><pVariable Name=\"F\">FormatReg</pVariable>"
-         "<Formula>W*H*((F&gt;&gt;16)&amp;0xFF)/8</Formula></IntSwissKnife>\n" +
-         registers_xml() + "<Port Name=\"Device\"/>\n</RegisterDescription>\n";
-}
 
 void put16(std::uint8_t* to, unsigned v) {
   to[0] = static_cast<std::uint8_t>(v >> 8), to[1] = static_cast<std::uint8_t>(v);
@@ -179,7 +100,8 @@ struct GigeCamera::State {
 };
 
 void GigeCamera::State::start() {
-  const std::string xml = description(options);
+  const std::string xml =
+      genicam_description({options.width, options.height, options.formats}, {"GEV", "BigEndian", 0});
   CS_CHECK(xml.size() < kEnd - kXmlAt, "the description fits");
   in_addr address{};
   inet_aton(options.address.c_str(), &address);

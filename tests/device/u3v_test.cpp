@@ -1,0 +1,100 @@
+// USB3 Vision through Aravis and libusb, on a camera that a thread of this process is.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include "capture/device/aravis.h"
+#include "tests/device/u3v_camera.h"
+
+namespace countershade {
+namespace {
+
+using capture::Camera;
+using ::testing::AllOf;
+using ::testing::HasSubstr;
+using testing::U3vCamera;
+using testing::U3vOptions;
+
+constexpr int kWidth = 160, kHeight = 90;
+
+std::uint16_t value_of(std::size_t i, double exposure_ms) {
+  return static_cast<std::uint16_t>(std::min(65535.0, (i * 2654435761u >> 17) % 30000 * exposure_ms / 10));
+}
+
+class Usb3 : public ::testing::Test {
+ protected:
+  void plug_in(U3vOptions options = {}) {
+    if (!capture::has_aravis()) GTEST_SKIP() << "built without Aravis";
+    options.width = kWidth, options.height = kHeight;
+    camera_ = std::make_unique<U3vCamera>(options, [](double exposure_ms) {
+      std::vector<std::uint16_t> values(kWidth * kHeight);
+      for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_of(i, exposure_ms);
+      return values;
+    });
+    if (const std::string why = camera_->plug_in(); !why.empty()) GTEST_SKIP() << why;
+    for (int i = 0; i < 60 && !listed(); ++i) usleep(250000);
+    ASSERT_TRUE(listed());
+  }
+  static bool listed() {
+    for (const capture::AravisCamera& c : capture::list_aravis_cameras())
+      if (c.protocol == "USB3Vision" && c.device == "ROOM3") return true;
+    return false;
+  }
+  static std::unique_ptr<Camera> armed(double exposure_ms) {
+    auto opened = capture::open_aravis_camera("left eye", "ROOM3", {.timeout_s = 2, .tries = 3});
+    EXPECT_TRUE(opened) << (opened ? "" : opened.error().message);
+    if (!opened) return nullptr;
+    const auto arm = (*opened)->arm(exposure_ms);
+    EXPECT_TRUE(arm) << (arm ? "" : arm.error().message);
+    return std::move(*opened);
+  }
+  std::unique_ptr<U3vCamera> camera_;
+};
+
+TEST_F(Usb3, EveryPixelArrivesAtTheExposureThatWasAskedFor) {
+  plug_in();
+  if (IsSkipped()) return;
+  auto camera = armed(10);
+  ASSERT_TRUE(camera);
+  for (const double ms : {10.0, 5.0, 20.0}) {
+    ASSERT_TRUE(camera->arm(ms));
+    for (int photo = 0; photo < 2; ++photo) {
+      const auto taken = camera->trigger();
+      ASSERT_TRUE(taken) << taken.error().message;
+      EXPECT_EQ(taken->exposure_ms, ms);
+      EXPECT_EQ(taken->full_scale, 65535) << "Mono16 before Mono8";
+      ASSERT_TRUE(taken->values.same_size(kWidth, kHeight));
+      for (std::size_t i = 0; i < taken->values.data().size(); ++i)
+        ASSERT_EQ(taken->values.data()[i], value_of(i, ms)) << i;
+    }
+  }
+}
+
+TEST_F(Usb3, APhotoThatEndsHalfWayIsTakenAgain) {
+  plug_in({.cut_every = 3});
+  if (IsSkipped()) return;
+  auto camera = armed(10);
+  ASSERT_TRUE(camera);
+  for (int photo = 0; photo < 4; ++photo) {
+    const auto taken = camera->trigger();
+    ASSERT_TRUE(taken) << taken.error().message;
+    for (std::size_t i = 0; i < taken->values.data().size(); ++i)
+      ASSERT_EQ(taken->values.data()[i], value_of(i, 10)) << i;
+  }
+  EXPECT_GT(camera_->photos(), 4);
+}
+
+TEST_F(Usb3, ThatIsPulledOutIsAnErrorThatNamesIt) {
+  plug_in();
+  if (IsSkipped()) return;
+  auto camera = armed(10);
+  ASSERT_TRUE(camera && camera->trigger());
+  camera_->unplug();
+  const auto taken = camera->trigger();
+  ASSERT_FALSE(taken);
+  EXPECT_EQ(taken.error().code, ErrorCode::kDevice);
+  EXPECT_THAT(taken.error().message, AllOf(HasSubstr("'left eye'"), HasSubstr("gone")));
+}
+
+}  // namespace
+}  // namespace countershade
