@@ -288,7 +288,8 @@ TEST(Cli, CheckMeasuresTheLatencyAndCopesWithIt) {
     simdata::RigAndRoom room = simdata::small_two_wall(8, {160, 100}, 64);
     room.simulation.projectors[1].latency_ms = 30 * latency;
     write_rig(folder.path(), room);
-    const auto result = run_countershade("check " + (folder / "rig.toml").string());
+    const auto result =
+        run_countershade("check " + (folder / "rig.toml").string() + " -o " + (folder / "check.html").string());
     EXPECT_EQ(result.exit_code, 0) << result.out << result.err;
     EXPECT_NE(result.out.find(fmt::format("{} photos before", latency)), std::string::npos) << result.out;
   }

@@ -168,7 +168,7 @@ def lens(rows, axes):
         right.legend(fontsize=8)
 
 
-CODES = {"gray": "C0", "xor-02": "C4", "xor-04": "C2", "micro-phase": "C3", "micro-phase-9": "C1", "phase": "C5"}
+CODES = {"gray": "C0", "xor-02": "C4", "xor-04": "C2", "micro-phase": "C3", "micro-phase-9": "C1", "embedded": "C6", "phase": "C5"}
 
 
 def decode_economy(rows, axes):

@@ -2,39 +2,48 @@
 #include <CLI/CLI.hpp>
 #include <nlohmann/json.hpp>
 
+#include "calib/file/file.h"
 #include "capture/device/aravis.h"
+#include "capture/device/v4l2.h"
 #include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/devices.h"
-#include "tools/job/self_check.h"
+#include "tools/job/inspection.h"
 
 namespace countershade::tools {
 
 namespace {
 
 struct Options {
-  std::filesystem::path rig;
+  std::filesystem::path rig, page = "check.html";
 };
 
 std::string text_of(const std::vector<Finding>& findings) {
   std::string text;
   for (const Finding& f : findings)
-    text += fmt::format("{:<5} {:<34} {}{}\n", f.ok ? "ok" : "WRONG", f.what, f.measured,
-                        f.ok ? "" : "\n      " + f.remedy);
+    text += fmt::format("{:<5} {:<48} {}{}\n", light_of(f), f.what, f.measured,
+                        f.ok && !f.caution ? "" : "\n      " + f.remedy);
   return text;
 }
 
 Result<Answer> run_check(const Options& options, const Context& context) {
   CS_TRY(const Rig rig, read_rig(options.rig));
   CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress));
-  CS_TRY(const std::vector<Finding> findings, self_check(rig, open.devices, *context.progress));
+  CS_TRY(const Inspection inspection, inspect(rig, open.devices, *context.progress));
+  const std::vector<Finding>& findings = inspection.findings;
+  CS_TRY(const std::string page, check_html(options.rig.string(), findings, inspection.pictures));
+  CS_TRY_VOID(write_atomically(options.page, page));
   nlohmann::json document = nlohmann::json::array();
   bool all_ok = true;
   for (const Finding& f : findings) {
-    document.push_back({{"what", f.what}, {"measured", f.measured}, {"ok", f.ok}, {"remedy", f.ok ? "" : f.remedy}});
+    document.push_back({{"what", f.what},
+                        {"measured", f.measured},
+                        {"ok", f.ok},
+                        {"light", light_of(f)},
+                        {"remedy", f.ok && !f.caution ? "" : f.remedy}});
     all_ok = all_ok && f.ok;
   }
-  return Answer{text_of(findings), document.dump(1) + "\n", all_ok ? 0 : 1};
+  return Answer{text_of(findings) + "page: " + options.page.string() + "\n", document.dump(1) + "\n", all_ok ? 0 : 1};
 }
 
 Result<Answer> run_devices() {
@@ -44,7 +53,8 @@ Result<Answer> run_devices() {
   std::vector<Row> rows = {
       {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
       {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
-      {"v4l2, libcamera", "not in this version", "photograph by hand: countershade patterns and import"},
+      {"libcamera", "not in this version",
+       "backend = \"v4l2\" where the camera has a /dev/video node, else patterns and import"},
   };
   if (!capture::has_aravis()) rows.push_back({"aravis", "not built in", "install libaravis-dev and build again"});
   const std::vector<capture::AravisCamera> cameras = capture::list_aravis_cameras();
@@ -54,6 +64,16 @@ Result<Answer> run_devices() {
   for (const capture::AravisCamera& c : cameras)
     rows.push_back({"camera " + c.name, c.protocol + " " + c.address,
                     fmt::format("backend = \"aravis\", device = \"{}\" for a camera of the rig", c.device)});
+  const std::vector<capture::V4l2Camera> video = capture::list_v4l2_cameras();
+  if (!capture::has_v4l2()) rows.push_back({"v4l2", "not on this system", "a Linux computer"});
+  if (capture::has_v4l2() && video.empty())
+    rows.push_back({"v4l2 (webcams, UVC cameras)", "no video device",
+                    "plug it in; `lsusb` shows whether USB sees it; a container or virtual machine must be given it"});
+  for (const capture::V4l2Camera& c : video)
+    rows.push_back({"camera " + c.name, fmt::format("{} {}", c.device, fmt::join(c.formats, ",")),
+                    !c.hindrance.empty()
+                        ? c.hindrance
+                        : fmt::format("backend = \"v4l2\", device = \"{}\" for a camera of the rig", c.device)});
   const auto monitors = capture::list_monitors();
   if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
   for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())
@@ -72,9 +92,12 @@ Result<Answer> run_devices() {
 
 void add_check(CLI::App& app, Action& action) {
   auto* verb = app.add_subcommand(
-      "check", "self-test before capture: display, latency, stale frames, exposure, saturation, ambient light");
+      "check",
+      "self-test before capture: display, latency, flicker, exposure, sharpness, coverage, movement; one page");
   auto options = std::make_shared<Options>();
   verb->add_option("rig", options->rig, "rig.toml")->required();
+  verb->add_option("-o,--output", options->page, "page to write; one that stands there is replaced")
+      ->capture_default_str();
   verb->callback([options, &action] { action = [options](const Context& c) { return run_check(*options, c); }; });
 }
 

@@ -28,15 +28,16 @@ Picture flat(const capture::Projector& p, std::uint16_t value) {
 
 // Photos after a show that may still see the former picture; more than that, and the capture would give up.
 constexpr int kLongestLatency = 3;
+constexpr double kSettleMs = 250;  // after which a picture is there
 
-// `skip` photos are thrown away first: those that still see the former picture.
+// After what every display takes.
 Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec, int lit,
-                         bool all, int skip) {
+                         bool all) {
   for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
     capture::Projector& p = *devices.projectors[q];
     CS_TRY_VOID(p.show(flat(p, all || static_cast<int>(q) == lit ? 65535 : 0)));
   }
-  for (int i = 0; i < skip; ++i) CS_TRY_VOID(camera.trigger());
+  devices.wait(kSettleMs);
   CS_TRY(const capture::Exposure exposure, camera.trigger());
   return photo_of(exposure, spec);
 }
@@ -58,15 +59,15 @@ Result<Latency> measure_latency(const capture::Devices& devices, capture::Camera
     time_s.push_back(exposure.timestamp_s);
   }
   const double settled = mean_difference(after.back().value, black.value);
-  int latency = kLongestLatency + 1;  // a photo's noise is far below a tenth of the change
-  while (latency > 0 && mean_difference(after[latency - 1].value, after.back().value) < 0.1 * settled) --latency;
+  int latency = kLongestLatency + 1;  // light that swings is no latency
+  while (latency > 0 && mean_difference(after[latency - 1].value, after.back().value) < 0.3 * settled) --latency;
   return Latency{latency, 1e3 * (time_s[latency] - time_s[0])};
 }
 
 Result<void> check_camera(const CameraSpec& spec, const capture::Devices& devices, capture::Camera& camera,
                           std::vector<Finding>& findings) {
   CS_TRY_VOID(camera.arm(spec.exposures_ms.empty() ? 0 : spec.exposures_ms.front()));
-  CS_TRY(const Photo black, photo_with(devices, camera, spec, -1, false, kLongestLatency + 1));
+  CS_TRY(const Photo black, photo_with(devices, camera, spec, -1, false));
   const double dark = percentile(black.value, 0.5);
   findings.push_back(
       {fmt::format("camera {}: room in the dark", spec.id), fmt::format("{:.2f} % of full scale", 100 * dark),
@@ -80,7 +81,7 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
                       "interpolation off (game mode)",
                       latency <= kLongestLatency});
   for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
-    CS_TRY(const Photo white, photo_with(devices, camera, spec, static_cast<int>(q), false, latency));
+    CS_TRY(const Photo white, photo_with(devices, camera, spec, static_cast<int>(q), false));
     const double change = mean_difference(white.value, black.value);
     findings.push_back({fmt::format("camera {}: sees projector {}", spec.id, devices.projectors[q]->id()),
                         fmt::format("mean change {:.2f} % of full scale", 100 * change),
@@ -88,7 +89,7 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
                         "camera photographs before the projector shows)",
                         change > 0.01});
   }
-  CS_TRY(const Photo full, photo_with(devices, camera, spec, -1, true, latency));
+  CS_TRY(const Photo full, photo_with(devices, camera, spec, -1, true));
   const double bright = percentile(full.value, 0.99);
   std::size_t saturated = 0;
   for (std::uint8_t v : full.valid.data()) saturated += v == 0;
@@ -99,7 +100,7 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
                       bright > 0.3 && bright < 0.95});
   findings.push_back({fmt::format("camera {}: saturated pixels", spec.id), fmt::format("{:.3f} %", 100 * share),
                       "shorten exposures_ms", share < 0.001});
-  CS_TRY(const Photo again, photo_with(devices, camera, spec, -1, false, latency));
+  CS_TRY(const Photo again, photo_with(devices, camera, spec, -1, false));
   const double left =
       mean_difference(again.value, black.value) / std::max(1e-9, mean_difference(full.value, black.value));
   findings.push_back({fmt::format("camera {}: stale frames", spec.id),

@@ -8,13 +8,9 @@
 #include "calib/base/result.h"
 #include "calib/file/rig.h"
 #include "capture/device/device.h"
+#include "tools/report/check_page.h"
 
 namespace countershade::tools {
-
-struct Finding {
-  std::string what, measured, remedy;
-  bool ok = true;
-};
 
 // Shows black and white on every projector alone and on all of them, and looks at what each camera sees: exposure,
 // saturation, contrast, ambient light, a stale frame, a projector that lights nothing.

@@ -1,0 +1,174 @@
+#include "tools/job/inspection.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cstdio>
+#include <functional>
+
+#include "simdata/render/simulator.h"
+#include "simdata/room/rooms.h"
+
+namespace countershade::tools {
+namespace {
+
+using ::testing::HasSubstr;
+
+simdata::RigAndRoom small_room() {
+  simdata::RigAndRoom room = simdata::small_two_wall(4, {320, 200}, 64);
+  room.rig.cameras[0].exposures_ms = {1e3 / 60};
+  room.simulation.cameras[0].reference_exposure_ms = 1e3 / 60;
+  return room;
+}
+
+Inspection inspected(const simdata::RigAndRoom& room, const std::string& faults = "") {
+  SilentProgress quiet;
+  const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet);
+  EXPECT_TRUE(simulator);
+  std::vector<simdata::Fault> planted;
+  if (!faults.empty()) planted = simdata::parse_faults(faults).value();
+  const auto inspection = inspect(room.rig, simdata::simulated_devices(*simulator, planted), quiet);
+  EXPECT_TRUE(inspection) << (inspection ? "" : inspection.error().message);
+  return inspection ? *inspection : Inspection();
+}
+
+// The light of the findings whose name holds `what`: the worst of them; "none" where there is none.
+std::string light(const Inspection& inspection, const std::string& what) {
+  std::string worst = "none";
+  for (const Finding& f : inspection.findings) {
+    if (f.what.find(what) == std::string::npos) continue;
+    const std::string one = light_of(f);
+    if (worst == "none" || worst == "ok" || one == "WRONG") worst = one;
+  }
+  return worst;
+}
+
+std::string all_of(const Inspection& inspection) {
+  std::string text;
+  for (const Finding& f : inspection.findings) text += light_of(f) + " " + f.what + ": " + f.measured + "\n";
+  return text;
+}
+
+double number_before(const Inspection& inspection, const std::string& what, const std::string& begin) {
+  for (const Finding& f : inspection.findings)
+    if (f.what.find(what) != std::string::npos) {
+      const std::size_t at = f.measured.find(begin);
+      double value = -1;
+      if (at != std::string::npos) std::sscanf(f.measured.c_str() + at + begin.size(), "%lf", &value);
+      return value;
+    }
+  return -1;
+}
+
+TEST(Inspection, OfAGoodRigHasNothingToSay) {
+  const Inspection good = inspected(small_room());
+  for (const Finding& f : good.findings) EXPECT_EQ(light_of(f), "ok") << f.what << ": " << f.measured;
+  EXPECT_GE(good.findings.size(), 18u);
+  ASSERT_EQ(good.pictures.size(), 3u);
+  for (const CheckPicture& p : good.pictures) EXPECT_EQ(p.values.channels(), 3);
+}
+
+struct Trouble {
+  const char* name;
+  const char* faults;
+  std::function<void(simdata::RigAndRoom&)> change;
+  const char* finding;
+};
+const auto kNothing = [](simdata::RigAndRoom&) {};
+const Trouble kTroubles[] = {
+    {"Flicker", "flicker=0.05", kNothing, "light of white from photo to photo"},
+    {"ColourWheelThatTheExposureCuts", "",
+     [](simdata::RigAndRoom& room) {
+       room.rig.cameras[0].exposures_ms = {40};
+       room.simulation.cameras[0].reference_exposure_ms = 40;
+       room.simulation.cameras[0].white_level = 0.4;  // a part of a turn is brighter than its mean
+       for (SimulatedProjector& p : room.simulation.projectors) p.colour_wheel_hz = 60;
+     },
+     "light of white from photo to photo"},
+    {"ExposureOfNoWholeRefresh", "", [](simdata::RigAndRoom& room) { room.rig.cameras[0].exposures_ms = {12}; },
+     "camera: exposure"},
+    {"Blur", "defocus=6", kNothing, "sharpness"},
+    {"ProjectorOutOfFocus", "",
+     [](simdata::RigAndRoom& room) {
+       for (SimulatedProjector& p : room.simulation.projectors) p.defocus_sigma_px = 4;
+     },
+     "sharpness"},
+    {"Shaking", "camera-shaken=0.05", kNothing, "movement"},
+    {"DroppedPhotos", "dropped-frame=1@20", kNothing, "dropped"},
+    {"AutomaticExposure", "auto-exposure=0.5", kNothing, "adds up"},
+    {"JitterOfTheDisplay", "",
+     [](simdata::RigAndRoom& room) {
+       for (SimulatedProjector& p : room.simulation.projectors) p.latency_jitter_ms = 60;
+     },
+     "latency of steps"},
+    {"AScreenThatLeavesThePhoto", "",
+     [](simdata::RigAndRoom& room) {
+       room.simulation.cameras[0].target = room.simulation.projectors[0].target;
+       room.simulation.cameras[0].focal_px *= 2;
+     },
+     "lights"},
+};
+
+class Troubles : public ::testing::TestWithParam<Trouble> {};
+
+TEST_P(Troubles, IsSeenWhereItIs) {
+  simdata::RigAndRoom room = small_room();
+  GetParam().change(room);
+  const Inspection inspection = inspected(room, GetParam().faults);
+  EXPECT_THAT(light(inspection, GetParam().finding), ::testing::AnyOf("LOOK", "WRONG")) << all_of(inspection);
+}
+
+INSTANTIATE_TEST_SUITE_P(All, Troubles, ::testing::ValuesIn(kTroubles),
+                         [](const auto& info) { return std::string(info.param.name); });
+
+TEST(Inspection, AResponseThatIsNotTheCamerasDoesNotAddUp) {
+  simdata::RigAndRoom room = small_room();
+  SilentProgress quiet;
+  const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
+  room.rig.cameras[0].response = "gamma:1.3";
+  const auto inspection = inspect(room.rig, simdata::simulated_devices(simulator), quiet);
+  ASSERT_TRUE(inspection) << inspection.error().message;
+  EXPECT_EQ(light(*inspection, "adds up"), "WRONG") << all_of(*inspection);
+}
+
+TEST(Inspection, LatencyIsThatOfTheDisplay) {
+  for (const double latency : {0.0, 33.4, 80.0}) {
+    simdata::RigAndRoom room = small_room();
+    for (SimulatedProjector& p : room.simulation.projectors) p.latency_ms = latency;
+    const Inspection inspection = inspected(room);
+    // Shown at a refresh, seen at the first refresh after the latency; the computer goes on at the next one.
+    const double median = number_before(inspection, "latency of steps", "median ");
+    EXPECT_GE(median, latency - 17) << all_of(inspection);
+    EXPECT_LE(median, latency + 17) << all_of(inspection);
+  }
+}
+
+TEST(Inspection, StopsWhereNothingBeyondCouldBeBelieved) {
+  simdata::RigAndRoom room = small_room();
+  const Inspection inspection = inspected(room, "underexposed=0.005");
+  EXPECT_EQ(light(inspection, "exposure of white"), "WRONG") << all_of(inspection);
+  EXPECT_EQ(light(inspection, "movement"), "none");
+}
+
+TEST(WholeRefreshes, AreTheLongestThatDoNotExceedWhatIsWanted) {
+  EXPECT_NEAR(whole_refreshes(40, 60), 2e3 / 60, 1e-9);
+  EXPECT_NEAR(whole_refreshes(1e3 / 60, 60), 1e3 / 60, 1e-9);
+  EXPECT_NEAR(whole_refreshes(3, 60), 1e3 / 60, 1e-9) << "never less than one";
+  EXPECT_NEAR(whole_refreshes(41, 50), 40, 1e-9);
+}
+
+TEST(CheckPage, SaysWhatIsWrongFirstAndHasItsPictures) {
+  const std::vector<Finding> findings = {
+      {"a <b>", "1", "look here", true, true}, {"c", "2", "mend this", false}, {"d", "3", "never said", true}};
+  const auto page = check_html("rig.toml", findings, {{"photo", "as seen", Image(4, 3, 3, 128)}});
+  ASSERT_TRUE(page);
+  EXPECT_THAT(*page, HasSubstr(">WRONG</span>"));
+  EXPECT_LT(page->find("mend this"), page->find("look here"));
+  EXPECT_EQ(page->find("never said"), std::string::npos);
+  EXPECT_EQ(page->find("a <b>"), std::string::npos) << "escaped";
+  EXPECT_THAT(*page, HasSubstr("data:image/png;base64,"));
+  EXPECT_THAT(*check_html("r", {{"d", "3", "", true}}, {}), HasSubstr("READY"));
+}
+
+}  // namespace
+}  // namespace countershade::tools

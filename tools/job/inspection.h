@@ -1,0 +1,28 @@
+// The long look before a capture: everything about display, camera and room that a photo can tell beforehand.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "tools/job/self_check.h"
+
+namespace countershade::tools {
+
+struct Inspection {
+  std::vector<Finding> findings;  // those of self_check() first
+  std::vector<CheckPicture> pictures;
+};
+
+// self_check(), and if that is all right, of each camera:
+//   latency of steps from black to white and back (median, longest, spread), how much light swings from photo to photo
+//   in the dark and in white light, photos that were dropped, exposures that are whole refreshes and bring white to 80
+//   % of full scale, signal to noise in white, half the light in half the exposure, whether light adds (the camera's
+//   response), sharpness of stripes, what of the photo each projector lights and whether that leaves the photo,
+//   movement between photos.
+// About 60 photos at each camera's first exposure. Errors: those of the devices.
+Result<Inspection> inspect(const Rig& rig, const capture::Devices& devices, Progress& progress);
+
+// Exposures of whole refreshes [ms] near `wanted_ms`: the longest that is not above it, or one refresh.
+double whole_refreshes(double wanted_ms, double refresh_hz);
+
+}  // namespace countershade::tools
