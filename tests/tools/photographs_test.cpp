@@ -70,6 +70,16 @@ TEST(Photograph, MeasuresTheDirectLightWithoutAModel) {
     for (std::size_t i = 0; i < a->data().size(); ++i) mean += b->data()[i], difference += a->data()[i] - b->data()[i];
     EXPECT_LT(std::abs(difference), 1e-3 * mean);  // of 8 %; noise averages out
   }
+
+  // And of displays that are late: bit for bit, since a photo's noise follows from what is seen.
+  simdata::RigAndRoom late = made;
+  for (SimulatedProjector& p : late.simulation.projectors) p.latency_ms = 120;
+  const capture::Devices late_devices =
+      simdata::simulated_devices(simdata::Simulator::make(late.rig, late.simulation, progress).value());
+  const auto waited = photograph(late_devices, made.rig.cameras[0], pixels, plain, plain, 0, 4, progress).value();
+  EXPECT_EQ(waited.uncompensated.data(), photos->uncompensated.data());
+  EXPECT_EQ(waited.compensated.data(), photos->compensated.data());
+  EXPECT_EQ(waited.target.data(), photos->target.data());
 }
 
 }  // namespace

@@ -202,7 +202,8 @@ Result<Study> kill_study(const StudyContext& context) {
                             fmt::format("{}", s.lost_sessions), fmt::format("{}", s.lost_photos),
                             fmt::format("{}", s.wrong_photos), fmt::format("{}", s.unlike),
                             fmt::format("{}", s.unsaid)});
-      if (!s.first.empty()) study.notes.push_back(s.first);
+      context.progress->note(fmt::format("{}", fmt::join(study.rows.back(), " | ")));
+      if (!s.first.empty()) study.notes.push_back(s.first), context.progress->note(s.first);
     }
   study.notes.push_back(
       "a call is one that creates, writes, syncs, renames or removes below the output's folder; a write is also cut in "
