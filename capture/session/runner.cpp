@@ -109,6 +109,7 @@ class Capture {
   std::vector<std::array<int, 3>> size_;              // per camera: width, height, channels; 0 = not known yet
   int shows_ = 1;                                     // how often a picture is shown before its photo
   double wait_ms_ = 0;                                // between the last show and the photo
+  bool contradicted_ = false;                         // a frame was given up since it and another one do not add up
   bool late_ = false;                                 // the former frame came late
   FrameJudge judge_;
 };
@@ -470,6 +471,7 @@ Result<void> Capture::take_frame(int f) {
         return accept(f, blocks, now, shots, 0);
       }
     }
+    contradicted_ = attempt >= options_.retakes && !is_stale;
     if (attempt >= options_.retakes)
       return error(ErrorCode::kDevice,
                    "{}, after {} tries. Check that the display shows the pictures (right monitor, no screen saver, no "
@@ -562,6 +564,7 @@ Result<void> Capture::set_aside() {
         const fs::path from = photo_path(f, cameras_[c], e);
         const fs::path to = folder_ / "outdated" / cameras_[c].spec->id / from.filename();
         std::error_code reason;
+        if (!have_[f][c][e]) continue;
         fs::create_directories(to.parent_path(), reason);
         if (!reason) fs::rename(from, to, reason);
         if (reason)
@@ -597,7 +600,12 @@ Result<void> Capture::take_missing() {
   progress_.step("capture", done, frames());
   if (done == frames()) return {};
   CS_TRY_VOID(start());
-  CS_TRY_VOID(take_all());
+  if (const auto taken = take_all(); !taken) {
+    // Photos that contradict one another may be of two views.
+    if (!contradicted_) return taken.error();
+    const auto still = all_agree();
+    if (!still || *still) return taken.error();
+  }
   if (options_.lateness != nullptr) *options_.lateness = {shows_, wait_ms_};
   return check_view();
 }

@@ -28,6 +28,8 @@ struct Room {
   int bump_at = -1, bump_px = 0, bump_again = 0;  // trigger before which somebody pushes them; and every so many after
   double full_scale = 65535;
   double beside = 1;  // pictures from this share of their width on fall beside the screen, and nothing bounces
+  int lamp_at = -1;   // trigger at which the lamp becomes lamp_to
+  double lamp_to = 1;
   double lamp = 1, flicker = 0;  // brightness of everything, and its change between even and odd photos
   std::map<int, int> wrong;      // trigger number -> how many shows ago the photo was really taken
   int triggers = 0, events = 0;
@@ -89,6 +91,7 @@ class FakeCamera final : public Camera {
     CS_CHECK(exposure_ms_ > 0, "armed");
     room_->event();
     const int number = room_->triggers++;
+    if (number == room_->lamp_at) room_->lamp = room_->lamp_to;
     const int since = room_->bump_at < 0 ? -1 : number - room_->bump_at;
     if (since == 0 || (since > 0 && room_->bump_again > 0 && since % room_->bump_again == 0))
       room_->shift_px += room_->bump_px;

@@ -280,6 +280,22 @@ TEST(CaptureSession, CameraThatMovesMeanwhileHasAllFramesTakenAgain) {
   }
 }
 
+// Frames that are of two lights do not add up, and no display is to blame.
+TEST(CaptureSession, LampThatIsSwitchedOnMeanwhileHasAllFramesTakenAgain) {
+  fake::Scratch scratch("lamp-on");
+  auto lit = std::make_shared<Room>();
+  lit->lamp = 1.4;
+  ASSERT_TRUE(run(lit, scratch / "lit"));
+  auto room = std::make_shared<Room>();
+  room->lamp_at = kFirst + 5, room->lamp_to = 1.4;
+  Listener listener;
+  const auto done = run(room, scratch / "s", fake::rig(), listener);
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_THAT(listener.said, AllOf(HasSubstr("do not add up"), HasSubstr("all 16 frames are taken again")));
+  fs::remove_all(scratch / "s/outdated");
+  EXPECT_EQ(fake::tree(scratch / "s"), fake::tree(scratch / "lit"));
+}
+
 // Whenever it is pushed twice: what is accepted shows one view, and what does not is refused.
 TEST(CaptureSession, CameraThatIsPushedTwiceIsRefusedOrAllPhotosShowOneView) {
   fake::Scratch scratch("restless");
