@@ -173,7 +173,7 @@ Bench usb3() {
   if (bench.missing = bench.usb3->plug_in(); !bench.missing.empty()) return bench;
   for (int i = 0; i < 60 && bench.devices.cameras.empty(); ++i) {
     std::this_thread::sleep_for(std::chrono::milliseconds(250));
-    auto camera = capture::open_aravis_camera("camera", options.serial, {.timeout_s = 2});
+    auto camera = capture::open_aravis_camera("camera", options.serial, {.timeout_s = 15});  // an emulated room is slow
     if (camera) bench.devices.cameras.push_back(std::move(*camera));
   }
   CS_CHECK(!bench.devices.cameras.empty(), "Aravis opens the camera");
