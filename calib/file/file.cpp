@@ -38,12 +38,16 @@ fs::path temporary_name(const fs::path& path) {
   return path.parent_path() / (".writing-" + std::to_string(getpid()) + "-" + path.filename().string());
 }
 
+fs::path folder_of(const fs::path& path) {
+  return path.has_parent_path() ? path.parent_path() : fs::path(".");
+}
+
 // Removes what writers of `path` left behind that were killed.
 void remove_orphans(const fs::path& path) {
   const std::string begin = ".writing-", end = "-" + path.filename().string();
   std::error_code ignored;
   std::vector<fs::path> orphans;
-  for (const auto& entry : fs::directory_iterator(path.parent_path().empty() ? "." : path.parent_path(), ignored)) {
+  for (const auto& entry : fs::directory_iterator(folder_of(path), ignored)) {
     const std::string name = entry.path().filename().string();
     if (!name.starts_with(begin) || !name.ends_with(end) || name.size() <= begin.size() + end.size()) continue;
     const std::string writer = name.substr(begin.size(), name.size() - begin.size() - end.size());
@@ -76,10 +80,6 @@ class Temporary {
  private:
   fs::path path_;
 };
-
-fs::path folder_of(const fs::path& path) {
-  return path.has_parent_path() ? path.parent_path() : fs::path(".");
-}
 
 // `temporary` holds what shall stand under `path`.
 Result<void> sync_file(const fs::path& temporary, const fs::path& path) {

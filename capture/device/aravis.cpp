@@ -274,7 +274,9 @@ Result<Exposure> OpenCamera::trigger() {
   CS_CHECK(armed_, "camera '" + id_ + "' is triggered before it is armed");
   for (int i = 0; i < options_.tries; ++i) {
     CS_TRY(std::optional<Exposure> whole, take_whole());
-    if (whole) return std::move(*whole);
+    if (!whole) continue;
+    whole->lost = i;
+    return std::move(*whole);
   }
   if (!came_)
     return error(

@@ -19,6 +19,7 @@ struct Exposure {
   double timestamp_s = 0;  // device clock
   std::uint64_t counter = 0;
   double saturated = 0;  // share of pixels at full scale
+  int lost = 0;          // photos before this one that did not arrive whole, and were taken again
 };
 
 class Camera {

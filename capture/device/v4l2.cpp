@@ -7,17 +7,18 @@
 #include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <unistd.h>
-#include <ctime>
 #endif
 
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
 #include <cstring>
+#include <ctime>
 #include <filesystem>
 #include <optional>
 
 #include "calib/base/check.h"
+#include "capture/device/photo_clock.h"
 #include "capture/device/pixel_format.h"
 
 namespace countershade::capture {
@@ -43,8 +44,6 @@ namespace {
 constexpr int kBuffers = 4;
 constexpr double kExposureTolerance = 0.01;  // what a camera may round an exposure by
 constexpr int kSettle = 4;                   // photos after a change of exposure that may still be exposed as before
-constexpr int kInFlight = 2;                 // photos under way in a camera that does not say when it began to expose
-constexpr int kMostDropped = 60;  // photos that say they are of the past: more, and their clock is another one
 
 // The kernel's names of what pixel_format.h knows.
 struct Name {
@@ -193,7 +192,6 @@ class OpenCamera final : public Camera {
   Result<void> give(std::uint32_t index);
   Result<std::optional<v4l2_buffer>> take(double until_s);
   Result<std::optional<Exposure>> take_whole();
-  double exposed_from(const v4l2_buffer& buffer) const;
   Result<Image> read_out(const v4l2_buffer& buffer) const;
 
   std::string id_;
@@ -205,8 +203,7 @@ class OpenCamera final : public Camera {
   double exposure_ms_ = 0;
   int unsettled_ = 0;  // photos to come that may be exposed as before
   bool armed_ = false, came_ = false, streaming_ = false;
-  bool tells_time_ = true;    // its photos have had times that can be true so far
-  double former_time_s_ = 0;  // of the photo before
+  PhotoClock clock_;
   std::uint64_t photos_ = 0;
 };
 
@@ -417,20 +414,15 @@ Result<std::optional<v4l2_buffer>> OpenCamera::take(double until_s) {
   }
 }
 
-// When its exposure began at the earliest, by the clock of monotonic_s(). Drivers say that their time is the start of
-// the exposure, and take that of the first data, which is its end.
-double OpenCamera::exposed_from(const v4l2_buffer& buffer) const {
-  return static_cast<double>(buffer.timestamp.tv_sec) + 1e-6 * static_cast<double>(buffer.timestamp.tv_usec) -
-         1e-3 * exposure_ms_;
-}
-
 Result<Image> OpenCamera::read_out(const v4l2_buffer& buffer) const {
   const int width = static_cast<int>(picture_.width), height = static_cast<int>(picture_.height);
   const auto* from = static_cast<const std::byte*>(buffers_[buffer.index].start);
   const std::size_t size = std::min<std::size_t>(buffer.bytesused, buffers_[buffer.index].size);
   const std::size_t row = format_.bytes(width, 1), stride = picture_.bytesperline;
-  if (row == 0 || stride <= row || size < stride * (height - 1) + row)
-    return unpack(format_, std::span(from, size), width, height);
+  if (row == 0 || stride <= row) return unpack(format_, std::span(from, size), width, height);
+  if (size < stride * (height - 1) + row)
+    return error(ErrorCode::kDevice, "camera '{}': a photo of {} rows of {} bytes came with {} bytes", id_, height,
+                 stride, size);
   std::vector<std::byte> rows;
   for (int y = 0; y < height; ++y) rows.insert(rows.end(), from + y * stride, from + y * stride + row);
   return unpack(format_, rows, width, height);
@@ -443,19 +435,16 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     if (!old) break;
     CS_TRY_VOID(give(old->index));
   }
-  const double began_s = monotonic_s();
+  clock_.ask(monotonic_s());
   for (int seen = 0;; ++seen) {
     const double until_s = monotonic_s() + options_.timeout_s + 1e-3 * exposure_ms_;
     CS_TRY(const std::optional<v4l2_buffer> taken, take(until_s));
     came_ = taken.has_value();
     if (!came_) return std::optional<Exposure>();
-    const double from_s = exposed_from(*taken), arrived_s = monotonic_s();
-    // Times are claims: in the future, or not after the photo before, they are not believed any more.
+    const double time_s =
+        static_cast<double>(taken->timestamp.tv_sec) + 1e-6 * static_cast<double>(taken->timestamp.tv_usec);
     const bool monotonic = (taken->flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
-    if (!monotonic || from_s > arrived_s || from_s <= former_time_s_) tells_time_ = false;
-    former_time_s_ = from_s;
-    const bool of_the_past = tells_time_ && exposure_ms_ > 0 ? from_s < began_s : seen < kInFlight;
-    if (seen < unsettled_ || (of_the_past && seen < kMostDropped)) {
+    if (clock_.of_before(time_s, monotonic, monotonic_s(), 1e-3 * exposure_ms_) || seen < unsettled_) {
       CS_TRY_VOID(give(taken->index));
       continue;
     }
@@ -468,7 +457,7 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     e.values = std::move(**values);
     e.full_scale = format_.full_scale();
     e.exposure_ms = exposure_ms_;
-    e.timestamp_s = from_s;
+    e.timestamp_s = time_s - 1e-3 * exposure_ms_;
     e.counter = photos_++;
     e.saturated = saturated_share(e.values, e.full_scale);
     return std::optional<Exposure>(std::move(e));
@@ -479,7 +468,9 @@ Result<Exposure> OpenCamera::trigger() {
   CS_CHECK(armed_, "camera '" + id_ + "' is triggered before it is armed");
   for (int i = 0; i < options_.tries; ++i) {
     CS_TRY(std::optional<Exposure> whole, take_whole());
-    if (whole) return std::move(*whole);
+    if (!whole) continue;
+    whole->lost = i;
+    return std::move(*whole);
   }
   if (!came_)
     return error(ErrorCode::kDevice,

@@ -54,7 +54,8 @@ struct Stage {
   std::mutex mutex;
   double now = 0;  // s
   std::vector<Timeline> projectors;
-  std::vector<std::uint64_t> photos_since_show;  // per camera, since the newest show() of any projector
+  // Per camera and exposure [ms], since the newest show() of any projector.
+  std::vector<std::map<double, std::uint64_t>> photos_since_show;
 };
 
 class SimulatedProjectorDevice final : public capture::Projector {
@@ -104,7 +105,7 @@ class SimulatedProjectorDevice final : public capture::Projector {
   void send(const Shown& left, const Shown& right) {
     const std::lock_guard lock(stage_->mutex);
     taken_at_ = stage_->projectors[index_].show(left, right, stage_->now);
-    std::fill(stage_->photos_since_show.begin(), stage_->photos_since_show.end(), 0);
+    for (auto& of_camera : stage_->photos_since_show) of_camera.clear();
   }
 
   std::shared_ptr<Stage> stage_;
@@ -146,7 +147,10 @@ class SimulatedCameraDevice final : public capture::Camera {
     }
     if (light_.empty() || light_state_ != state)
       light_ = stage_->simulator->optics(index_, look(std::move(seen), photo)), light_state_ = state;
-    const std::uint64_t draw = mix(state) ^ mix(stage_->photos_since_show[index_]++);
+    // Stops beside the reference exposure, so that each exposure of a bracket has its own noise, whichever were before.
+    const auto stops = std::llround(1e3 * std::log2(exposure_ms_ / spec_.reference_exposure_ms));
+    const std::uint64_t nth = stage_->photos_since_show[index_][exposure_ms_]++;
+    const std::uint64_t draw = mix(state) ^ mix(nth + (static_cast<std::uint64_t>(stops) << 32));
     capture::Exposure exposure = faults.empty() ? exposed(light_, exposure_ms_, draw) : faulty(light_, photo, draw);
     exposure.counter = counter_++;
     exposure.timestamp_s = rows.start * (1 + 1e-6 * spec_.clock_drift_ppm) + 1e-3 * spec_.timestamp_offset_ms;
@@ -263,7 +267,7 @@ capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, s
   const Rig& rig = simulator->rig();
   const Simulation& simulation = simulator->simulation();
   stage->faults = Faults(std::move(faults), simulation.seed);
-  stage->photos_since_show.assign(rig.cameras.size(), 0);
+  stage->photos_since_show.resize(rig.cameras.size());
   capture::Devices devices;
   for (std::size_t q = 0; q < rig.projectors.size(); ++q) {
     const ProjectorSpec& spec = rig.projectors[q];

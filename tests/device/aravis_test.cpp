@@ -143,6 +143,10 @@ TEST_F(Aravis, PhotosWithHolesAreTakenAgainAndNeverGiven) {
   ASSERT_NE(camera, nullptr);
   expect_whole(*camera, 6);
   EXPECT_GT(camera_->photos(), 6);
+  const int before = camera_->photos();
+  int lost = 0;
+  for (int photo = 0; photo < 6; ++photo) lost += camera->trigger().value().lost;
+  EXPECT_EQ(lost, camera_->photos() - before - 6) << "each is told";
 }
 
 TEST_F(Aravis, WhereEveryPhotoHasHolesItSaysSo) {

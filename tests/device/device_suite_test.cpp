@@ -92,93 +92,89 @@ Bench folders() {
   return bench;
 }
 
-// 16 bits of a photo's first channel.
-std::vector<std::uint16_t> grey_of(const capture::Exposure& e) {
-  std::vector<std::uint16_t> values;
-  for (std::size_t i = 0; i < e.values.pixels(); ++i)
-    values.push_back(static_cast<std::uint16_t>(e.values.data()[i * e.values.channels()] / e.full_scale * 65535));
-  return values;
-}
+using See = std::function<std::vector<std::uint16_t>(double exposure_ms)>;
 
-// A GigE Vision camera on a network of this process: real packets through Aravis; what it sees is the simulated room.
-Bench gige() {
+// Simulated projectors, and what a camera in their room sees: 16 bits of a photo's first channel.
+std::pair<Bench, See> projectors_and_light() {
   Bench bench;
-  if (!capture::has_aravis()) {
-    bench.missing = "built without Aravis";
-    return bench;
-  }
-  const auto optics =
-      std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));  // made after: threads
-  if (bench.missing = testing::enter_private_network(); !bench.missing.empty()) return bench;
+  const auto optics = std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));
   bench.rig = small_room().rig;
   bench.devices.projectors = std::move(optics->projectors);
   bench.devices.clock = optics->clock;
-  testing::GigeOptions options;
-  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
-  options.width = size[0], options.height = size[1], options.formats = {"Mono16"};
-  bench.gige = std::make_shared<testing::GigeCamera>(options, [optics](double exposure_ms) {
+  const See see = [optics](double exposure_ms) {
     CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
-    return grey_of(optics->cameras[0]->trigger().value());
-  });
+    const capture::Exposure e = optics->cameras[0]->trigger().value();
+    std::vector<std::uint16_t> values;
+    for (std::size_t i = 0; i < e.values.pixels(); ++i)
+      values.push_back(static_cast<std::uint16_t>(e.values.data()[i * e.values.channels()] / e.full_scale * 65535));
+    return values;
+  };
+  return {std::move(bench), see};
+}
+
+// Options of a camera with as many pixels as the room's.
+template <class Options>
+Options sized() {
+  Options options;
+  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
+  options.width = size[0], options.height = size[1];
+  return options;
+}
+
+// Plugs in a device of the USB; the camera appears when the kernel and whoever drives it have seen it.
+void plug_in(Bench& bench, testing::UsbDevice& device,
+             const std::function<Result<std::unique_ptr<capture::Camera>>()>& open) {
+  if (bench.missing = device.plug_in(); !bench.missing.empty()) return;
+  for (int i = 0; i < 100 && bench.devices.cameras.empty(); ++i) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(200));
+    auto camera = open();
+    if (camera) bench.devices.cameras.push_back(std::move(*camera));
+  }
+  CS_CHECK(!bench.devices.cameras.empty(), "the camera appears");
+  bench.unplug = [&device] { device.unplug(); };
+}
+
+// A GigE Vision camera on a network of this process: real packets through Aravis.
+Bench gige() {
+  auto [bench, see] = projectors_and_light();  // first: it makes threads that stay in the common network
+  if (!capture::has_aravis()) bench.missing = "built without Aravis";
+  if (bench.missing.empty()) bench.missing = testing::enter_private_network();
+  if (!bench.missing.empty()) return std::move(bench);
+  auto options = sized<testing::GigeOptions>();
+  options.formats = {"Mono16"};
+  bench.gige = std::make_shared<testing::GigeCamera>(options, see);
   auto camera = capture::open_aravis_camera("camera", "", {.timeout_s = 1});
   CS_CHECK(camera.has_value(), camera ? "" : camera.error().message);
   bench.devices.cameras.push_back(std::move(*camera));
   bench.unplug = [gige = bench.gige] { gige->unplug(); };
-  return bench;
+  return std::move(bench);
 }
 
-// A USB webcam that the kernel's own driver binds to; what it sees is the simulated room.
+// A USB webcam that the kernel's own driver binds to.
 Bench webcam() {
-  Bench bench;
-  const auto optics = std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));
-  bench.rig = small_room().rig;
-  bench.devices.projectors = std::move(optics->projectors);
-  bench.devices.clock = optics->clock;
-  testing::UvcOptions options;
-  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
-  options.width = size[0], options.height = size[1], options.rate = 10;
-  bench.webcam = std::make_shared<testing::UvcCamera>(options, [optics](double exposure_ms) {
-    CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
-    return grey_of(optics->cameras[0]->trigger().value());
-  });
-  if (bench.missing = bench.webcam->plug_in(); !bench.missing.empty()) return bench;
-  for (int i = 0; i < 100 && bench.devices.cameras.empty(); ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(100));
-    auto camera = capture::open_v4l2_camera("camera", "Room webcam: Room webcam", {.timeout_s = 2});
-    if (camera) bench.devices.cameras.push_back(std::move(*camera));
-  }
-  CS_CHECK(!bench.devices.cameras.empty(), "uvcvideo binds to the webcam");
-  bench.unplug = [webcam = bench.webcam] { webcam->unplug(); };
-  return bench;
+  auto [bench, see] = projectors_and_light();
+  auto options = sized<testing::UvcOptions>();
+  options.rate = 10;
+  bench.webcam = std::make_shared<testing::UvcCamera>(options, see);
+  plug_in(bench, *bench.webcam,
+          [] { return capture::open_v4l2_camera("camera", "Room webcam: Room webcam", {.timeout_s = 2}); });
+  return std::move(bench);
 }
 
 // A USB3 Vision camera, through Aravis and libusb.
 Bench usb3() {
-  Bench bench;
+  auto [bench, see] = projectors_and_light();
   if (!capture::has_aravis()) {
     bench.missing = "built without Aravis";
-    return bench;
+    return std::move(bench);
   }
-  const auto optics = std::make_shared<capture::Devices>(simdata::simulated_devices(simulator()));
-  bench.rig = small_room().rig;
-  bench.devices.projectors = std::move(optics->projectors);
-  bench.devices.clock = optics->clock;
-  testing::U3vOptions options;
-  const std::array<int, 2> size = small_room().simulation.cameras[0].resolution;
-  options.width = size[0], options.height = size[1], options.formats = {"Mono16"};
-  bench.usb3 = std::make_shared<testing::U3vCamera>(options, [optics](double exposure_ms) {
-    CS_CHECK(optics->cameras[0]->arm(exposure_ms).has_value(), "armed");
-    return grey_of(optics->cameras[0]->trigger().value());
+  auto options = sized<testing::U3vOptions>();
+  options.formats = {"Mono16"};
+  bench.usb3 = std::make_shared<testing::U3vCamera>(options, see);
+  plug_in(bench, *bench.usb3, [serial = options.serial] {
+    return capture::open_aravis_camera("camera", serial, {.timeout_s = 15});  // an emulated room is slow
   });
-  if (bench.missing = bench.usb3->plug_in(); !bench.missing.empty()) return bench;
-  for (int i = 0; i < 60 && bench.devices.cameras.empty(); ++i) {
-    std::this_thread::sleep_for(std::chrono::milliseconds(250));
-    auto camera = capture::open_aravis_camera("camera", options.serial, {.timeout_s = 15});  // an emulated room is slow
-    if (camera) bench.devices.cameras.push_back(std::move(*camera));
-  }
-  CS_CHECK(!bench.devices.cameras.empty(), "Aravis opens the camera");
-  bench.unplug = [usb3 = bench.usb3] { usb3->unplug(); };
-  return bench;
+  return std::move(bench);
 }
 
 struct Backend {

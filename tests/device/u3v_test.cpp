@@ -5,6 +5,7 @@
 
 #include "capture/device/aravis.h"
 #include "tests/device/u3v_camera.h"
+#include "tests/device/usb_photo.h"
 
 namespace countershade {
 namespace {
@@ -15,22 +16,12 @@ using ::testing::HasSubstr;
 using testing::U3vCamera;
 using testing::U3vOptions;
 
-constexpr int kWidth = 160, kHeight = 90;
-
-std::uint16_t value_of(std::size_t i, double exposure_ms) {
-  return static_cast<std::uint16_t>(std::min(65535.0, (i * 2654435761u >> 17) % 30000 * exposure_ms / 10));
-}
-
 class Usb3 : public ::testing::Test {
  protected:
   void plug_in(U3vOptions options = {}) {
     if (!capture::has_aravis()) GTEST_SKIP() << "built without Aravis";
-    options.width = kWidth, options.height = kHeight;
-    camera_ = std::make_unique<U3vCamera>(options, [](double exposure_ms) {
-      std::vector<std::uint16_t> values(kWidth * kHeight);
-      for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_of(i, exposure_ms);
-      return values;
-    });
+    options.width = testing::kPhotoWidth, options.height = testing::kPhotoHeight;
+    camera_ = std::make_unique<U3vCamera>(options, testing::photo_values);
     if (const std::string why = camera_->plug_in(); !why.empty()) GTEST_SKIP() << why;
     for (int i = 0; i < 60 && !listed(); ++i) usleep(250000);
     ASSERT_TRUE(listed());
@@ -63,9 +54,9 @@ TEST_F(Usb3, EveryPixelArrivesAtTheExposureThatWasAskedFor) {
       ASSERT_TRUE(taken) << taken.error().message;
       EXPECT_EQ(taken->exposure_ms, ms);
       EXPECT_EQ(taken->full_scale, 65535) << "Mono16 before Mono8";
-      ASSERT_TRUE(taken->values.same_size(kWidth, kHeight));
+      ASSERT_TRUE(taken->values.same_size(testing::kPhotoWidth, testing::kPhotoHeight));
       for (std::size_t i = 0; i < taken->values.data().size(); ++i)
-        ASSERT_EQ(taken->values.data()[i], value_of(i, ms)) << i;
+        ASSERT_EQ(taken->values.data()[i], testing::photo_value(i, ms)) << i;
     }
   }
 }
@@ -79,7 +70,7 @@ TEST_F(Usb3, APhotoThatEndsHalfWayIsTakenAgain) {
     const auto taken = camera->trigger();
     ASSERT_TRUE(taken) << taken.error().message;
     for (std::size_t i = 0; i < taken->values.data().size(); ++i)
-      ASSERT_EQ(taken->values.data()[i], value_of(i, 10)) << i;
+      ASSERT_EQ(taken->values.data()[i], testing::photo_value(i, 10)) << i;
   }
   EXPECT_GT(camera_->photos(), 4);
 }

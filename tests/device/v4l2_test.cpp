@@ -12,6 +12,7 @@
 #include <mutex>
 
 #include "calib/base/random.h"
+#include "tests/device/usb_photo.h"
 #include "tests/device/uvc_camera.h"
 
 namespace countershade {
@@ -25,21 +26,11 @@ using ::testing::HasSubstr;
 using testing::UvcCamera;
 using testing::UvcOptions;
 
-constexpr int kWidth = 160, kHeight = 90;
-
-std::uint16_t value_of(std::size_t i, double exposure_ms) {
-  return static_cast<std::uint16_t>(std::min(65535.0, (i * 2654435761u >> 17) % 30000 * exposure_ms / 10));
-}
-
 class Webcam : public ::testing::Test {
  protected:
   void plug_in(UvcOptions options = {}) {
-    options.width = kWidth, options.height = kHeight;
-    camera_ = std::make_unique<UvcCamera>(options, [](double exposure_ms) {
-      std::vector<std::uint16_t> values(kWidth * kHeight);
-      for (std::size_t i = 0; i < values.size(); ++i) values[i] = value_of(i, exposure_ms);
-      return values;
-    });
+    options.width = testing::kPhotoWidth, options.height = testing::kPhotoHeight;
+    camera_ = std::make_unique<UvcCamera>(options, testing::photo_values);
     if (const std::string why = camera_->plug_in(); !why.empty()) GTEST_SKIP() << why;
     for (int i = 0; i < 100 && !listed(); ++i) usleep(100000);
     ASSERT_TRUE(listed()) << "uvcvideo binds to it";
@@ -68,10 +59,10 @@ class Webcam : public ::testing::Test {
     return failed ? -1 : control.value;
   }
   static void expect_whole(const Exposure& e, double exposure_ms, int bits) {
-    ASSERT_TRUE(e.values.same_size(kWidth, kHeight));
+    ASSERT_TRUE(e.values.same_size(testing::kPhotoWidth, testing::kPhotoHeight));
     EXPECT_EQ(e.full_scale, (1 << bits) - 1);
     for (std::size_t i = 0; i < e.values.data().size(); ++i)
-      ASSERT_EQ(e.values.data()[i], value_of(i, exposure_ms) >> (16 - bits)) << i;
+      ASSERT_EQ(e.values.data()[i], testing::photo_value(i, exposure_ms) >> (16 - bits)) << i;
   }
   std::unique_ptr<UvcCamera> camera_;
 };
@@ -116,7 +107,7 @@ TEST_F(Webcam, ColourComesFromMosaicAndFromSharedChroma) {
   const auto taken = camera->trigger();
   ASSERT_TRUE(taken) << taken.error().message;
   EXPECT_EQ(taken->values.channels(), 3) << "a mosaic is better than half the chroma";
-  EXPECT_EQ(taken->values.at(4, 4, 2), value_of(4 * kWidth + 4, 10) >> 8) << "blue first";
+  EXPECT_EQ(taken->values.at(4, 4, 2), testing::photo_value(4 * testing::kPhotoWidth + 4, 10) >> 8) << "blue first";
 }
 
 TEST_F(Webcam, WhateverChangesByItselfIsOffAfterOpening) {
@@ -165,9 +156,10 @@ TEST_F(Webcam, AnExposureThatActsLateIsWaitedFor) {
 TEST_F(Webcam, APhotoIsExposedAfterItWasAskedFor) {
   std::atomic<std::uint16_t> light{1000};
   UvcOptions options;
-  options.width = kWidth, options.height = kHeight, options.rate = 30;
-  camera_ = std::make_unique<UvcCamera>(
-      options, [&](double) { return std::vector<std::uint16_t>(kWidth * kHeight, light.load()); });
+  options.width = testing::kPhotoWidth, options.height = testing::kPhotoHeight, options.rate = 30;
+  camera_ = std::make_unique<UvcCamera>(options, [&](double) {
+    return std::vector<std::uint16_t>(testing::kPhotoWidth * testing::kPhotoHeight, light.load());
+  });
   if (const std::string why = camera_->plug_in(); !why.empty()) GTEST_SKIP() << why;
   for (int i = 0; i < 100 && !listed(); ++i) usleep(100000);
   auto camera = armed();
@@ -189,12 +181,14 @@ TEST_F(Webcam, APhotoThatEndsHalfWayIsTakenAgain) {
   if (IsSkipped()) return;
   auto camera = armed();
   ASSERT_TRUE(camera);
+  int lost = 0;
   for (int i = 0; i < 5; ++i) {
     const auto taken = camera->trigger();
     ASSERT_TRUE(taken) << taken.error().message;
     expect_whole(*taken, 10, 16);
+    lost += taken->lost;
   }
-  EXPECT_GT(camera_->photos(), 6);
+  EXPECT_GT(lost, 0) << "and told";
 }
 
 TEST_F(Webcam, ThatNeverSendsAWholePhotoIsAnError) {

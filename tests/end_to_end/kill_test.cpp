@@ -37,6 +37,7 @@ class Kill : public ::testing::Test {
   void SetUp() override {
     if (!bench::can_trace()) GTEST_SKIP() << "this machine lets no program trace its child";
     simdata::RigAndRoom room = simdata::small_two_wall(8, {160, 100}, 16);
+    room.rig.cameras[0].exposures_ms = {10, 5};  // a frame may be cut between them
     Device lens = simdata::true_camera(room.simulation, room.rig.cameras[0].id).value();
     lens.device_from_world = {};
     ASSERT_TRUE(write_cameramodel(folder_ / room.rig.cameras[0].model.string(), lens));
@@ -54,7 +55,7 @@ class Kill : public ::testing::Test {
     for (std::size_t i = 0; i < count; ++i) some.push_back(i * (calls - 1) / (count - 1));
     return some;
   }
-  void suffers(const std::string& verb, const fs::path& input, std::size_t count) {
+  void expect_survival(const std::string& verb, const fs::path& input, std::size_t count) {
     const fs::path plain = folder_ / ("plain-" + verb);
     const Ending undisturbed = run(verb, input, plain);
     ASSERT_EQ(undisturbed.exit_code, 0) << undisturbed.output;
@@ -112,12 +113,12 @@ TEST_F(Kill, TheTracerCountsWhatChangesAFolderAndNothingElse) {
 }
 
 TEST_F(Kill, ASessionGoesOnAsIfNothingHadHappened) {
-  suffers("simulate", folder_ / "rig.toml", 6);
+  expect_survival("simulate", folder_ / "rig.toml", 6);
 }
 
 TEST_F(Kill, ACalibrationIsWholeOrMadeAgain) {
   ASSERT_EQ(run("simulate", folder_ / "rig.toml", folder_ / "session").exit_code, 0);
-  suffers("calibrate", folder_ / "session", 3);
+  expect_survival("calibrate", folder_ / "session", 3);
 }
 
 }  // namespace

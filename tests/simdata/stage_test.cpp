@@ -70,6 +70,33 @@ TEST(Stage, PhotoTakenTooEarlyIsAMixtureByTimeAndThenTheNewPicture) {
   EXPECT_LT(difference(o.photo(5), after), kNoise);
 }
 
+// A photo's noise is its own: of its exposure, whichever other ones were taken before; and it is another one each time.
+TEST(Stage, EachExposureOfABracketHasItsNoiseWhicheverWereBefore) {
+  const auto room = test::small_room();
+  const auto photos = [&](const std::vector<double>& exposures) {
+    const Opened o(room);
+    o.show(0, flat(.6)), o.show(1, flat(.3));
+    std::vector<Image> all;
+    for (double ms : exposures) {
+      o.devices.cameras[0]->arm(ms).value();
+      all.push_back(o.devices.cameras[0]->trigger()->values);
+    }
+    return all;
+  };
+  const auto bracket = photos({10, 5, 2.5, 10}), alone = photos({5}), other = photos({2.5, 5});
+  EXPECT_EQ(bracket[1].data(), alone[0].data());
+  EXPECT_EQ(bracket[1].data(), other[1].data());
+  EXPECT_NE(bracket[0].data(), bracket[3].data());
+  // Of one light, in units of their exposure: no two draws are the same.
+  double same = 0, count = 0;
+  for (std::size_t i = 0; i < bracket[0].data().size(); ++i) {
+    const double a = bracket[0].data()[i] / 4 - bracket[3].data()[i] / 4,
+                 b = bracket[1].data()[i] / 2 - bracket[2].data()[i];
+    if (a != 0 && b != 0) same += a * b > 0 ? 1 : -1, ++count;
+  }
+  EXPECT_LT(std::abs(same), 5 * std::sqrt(count));
+}
+
 TEST(Stage, TimePassesForShowsPhotosAndWaits) {
   auto room = quiet_room();
   room.simulation.cameras[0].clock_drift_ppm = 1000, room.simulation.cameras[0].timestamp_offset_ms = -250;

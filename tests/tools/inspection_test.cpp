@@ -94,7 +94,7 @@ const Trouble kTroubles[] = {
      },
      "sharpness"},
     {"Shaking", "camera-shaken=0.05", kNothing, "movement"},
-    {"DroppedPhotos", "dropped-frame=1@20", kNothing, "dropped"},
+    {"DroppedPhotos", "dropped-frame=1@20", kNothing, "arrive whole"},
     {"AutomaticExposure", "auto-exposure=0.5", kNothing, "adds up"},
     {"JitterOfTheDisplay", "",
      [](simdata::RigAndRoom& room) {

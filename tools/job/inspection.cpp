@@ -13,9 +13,8 @@ namespace countershade::tools {
 
 namespace {
 
-constexpr int kSteps = 8;          // of latency, up and down
-constexpr int kStill = 10;         // photos of a light that should not change
-constexpr double kSettleMs = 250;  // after which a picture is there for certain
+constexpr int kSteps = 8;   // of latency, up and down
+constexpr int kStill = 10;  // photos of a light that should not change
 constexpr int kFine = 2,
               kCoarse = 8;  // widths of stripes [projector px]: the finest that help, the widest that must be seen
 
@@ -28,12 +27,6 @@ double percentile(std::vector<double> values, double share) {
   const auto nth = values.begin() + static_cast<std::ptrdiff_t>(std::lround(share * (values.size() - 1)));
   std::nth_element(values.begin(), nth, values.end());
   return *nth;
-}
-
-std::string list_of(const std::vector<double>& values, const char* unit) {
-  std::string text;
-  for (double v : values) text += fmt::format("{}{:.4g}", text.empty() ? "" : ", ", v);
-  return text + " " + unit;
 }
 
 // Stripes of `cell` pixels, or their inverse.
@@ -52,7 +45,6 @@ struct Taken {
   std::array<float, 3> channels;  // their means
   double saturated;               // share of pixels
   double from_ms;
-  std::uint64_t counter;
 };
 
 // One camera, and all projectors that light what it sees.
@@ -65,8 +57,8 @@ class Look {
 
  private:
   std::string about(const std::string& what) const { return fmt::format("camera {}: {}", spec_.id, what); }
-  Result<void> show(const std::function<Picture(const capture::Projector&, int)>& picture, double wait_ms = kSettleMs);
-  Result<void> show_flat(std::uint16_t value, double wait_ms = kSettleMs, int only = -1);
+  Result<void> show(const std::function<Picture(const capture::Projector&, int)>& picture, double wait_ms = kSettledMs);
+  Result<void> show_flat(std::uint16_t value, double wait_ms = kSettledMs, int only = -1);
   Result<Taken> take();
   Result<void> latency(Inspection& to);
   Result<void> steadiness(Inspection& to);
@@ -82,7 +74,7 @@ class Look {
   Image black_, white_;  // settled, all projectors
   double exposure_ms_ = 0;
   std::optional<std::uint64_t> counter_;
-  int photos_ = 0, dropped_ = 0;
+  int photos_ = 0, lost_ = 0;
 };
 
 Result<void> Look::show(const std::function<Picture(const capture::Projector&, int)>& picture, double wait_ms) {
@@ -105,12 +97,12 @@ Result<Taken> Look::take() {
   const Photo photo = photo_of(e, spec_);
   const auto invalid = std::count(photo.valid.data().begin(), photo.valid.data().end(), 0);
   exposure_ms_ = e.exposure_ms;
-  if (counter_ && e.counter > *counter_ + 1) dropped_ += static_cast<int>(e.counter - *counter_ - 1);
+  lost_ += e.lost;
+  if (counter_ && e.counter > *counter_ + 1) lost_ += static_cast<int>(e.counter - *counter_ - 1);
   counter_ = e.counter;
   ++photos_;
   return Taken{luminance_mean(photo.value), channel_means(photo.value),
-               static_cast<double>(invalid) / std::max<std::size_t>(1, photo.valid.pixels()), 1e3 * e.timestamp_s,
-               e.counter};
+               static_cast<double>(invalid) / std::max<std::size_t>(1, photo.valid.pixels()), 1e3 * e.timestamp_s};
 }
 
 // Steps from black to white and back.
@@ -153,13 +145,13 @@ Result<void> Look::steadiness(Inspection& to) {
     }
     double range = 0;
     for (const auto& m : means) range = std::max(range, percentile(m, 1) - percentile(m, 0));
-    Finding f{
-        about(lit ? "light of white from photo to photo" : "light of black from photo to photo"),
-        fmt::format("swings by {:.2f} % of white", 100 * range / swing),
-        lit ? fmt::format("the exposure cuts a colour wheel's turn or a pulse: expose whole refreshes, such as {}",
-                          list_of({whole_refreshes(exposure_ms_, refresh_hz_)}, "ms"))
-            : "a lamp flickers: switch it off, or expose whole half-periods of the mains (10 or 8.333 ms)",
-        range < 0.02 * swing};
+    Finding f{about(lit ? "light of white from photo to photo" : "light of black from photo to photo"),
+              fmt::format("swings by {:.2f} % of white", 100 * range / swing),
+              lit ? fmt::format(
+                        "the exposure cuts a colour wheel's turn or a pulse: expose whole refreshes, such as {:.4g} ms",
+                        whole_refreshes(exposure_ms_, refresh_hz_))
+                  : "a lamp flickers: switch it off, or expose whole half-periods of the mains (10 or 8.333 ms)",
+              range < 0.02 * swing};
     f.caution = range > 0.004 * swing;
     to.findings.push_back(std::move(f));
   }
@@ -226,7 +218,7 @@ Result<void> Look::coverage(Inspection& to) {
   static constexpr float kTint[3][3] = {{1.f, .45f, .25f}, {.25f, .6f, 1.f}, {.4f, .9f, .4f}};
   Image picture(white_.width(), white_.height(), 3);
   for (std::size_t q = 0; q < devices_.projectors.size(); ++q) {
-    CS_TRY_VOID(show_flat(65535, kSettleMs, static_cast<int>(q)));
+    CS_TRY_VOID(show_flat(65535, kSettledMs, static_cast<int>(q)));
     CS_TRY(const Taken t, take());
     std::vector<double> gained;
     for (std::size_t i = 0; i < t.light.data().size(); ++i) gained.push_back(t.light.data()[i] - black_.data()[i]);
@@ -262,7 +254,7 @@ Result<void> Look::coverage(Inspection& to) {
 Result<void> Look::sharpness(Inspection& to) {
   Image picture(white_.width(), white_.height(), 3);
   for (std::size_t q = 0; q < devices_.projectors.size(); ++q) {
-    CS_TRY_VOID(show_flat(65535, kSettleMs, static_cast<int>(q)));
+    CS_TRY_VOID(show_flat(65535, kSettledMs, static_cast<int>(q)));
     CS_TRY(const Taken alone, take());
     double median[2] = {0, 0}, adds = 0;
     for (const int cell : {kCoarse, kFine}) {
@@ -370,10 +362,10 @@ Result<void> Look::all(Inspection& to) {
   CS_TRY_VOID(sharpness(to));
   CS_TRY_VOID(stillness(to));
   CS_TRY_VOID(exposures(to));
-  Finding f{about("photos that were dropped"), fmt::format("{} of {}", dropped_, photos_),
+  Finding f{about("photos that did not arrive whole"), fmt::format("{} beside {} that did", lost_, photos_),
             "the connection is too slow: cable, network card, hub; fewer programs on this computer",
-            dropped_ <= photos_ / 4};
-  f.caution = dropped_ > 0;
+            lost_ <= photos_ / 4};
+  f.caution = lost_ > 0;
   to.findings.push_back(std::move(f));
   return show_flat(0, 0);
 }

@@ -42,15 +42,13 @@ std::pair<int, int> best_pair(float x) {
   return best;
 }
 
-constexpr double kSettleMs = 250;  // after which a picture is there, on every display that `check` lets pass
-
 Result<void> show_all(const capture::Devices& devices, std::span<const Picture> pictures, int only = -1) {
   for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
     capture::Projector& p = *devices.projectors[q];
     const bool lit = only < 0 || only == static_cast<int>(q);
     CS_TRY_VOID(p.show(lit && !pictures[q].empty() ? pictures[q] : Picture(p.width(), p.height(), 3)));
   }
-  devices.wait(kSettleMs);
+  devices.wait(kSettledMs);
   return {};
 }
 

@@ -28,7 +28,6 @@ Picture flat(const capture::Projector& p, std::uint16_t value) {
 
 // Photos after a show that may still see the former picture; more than that, and the capture would give up.
 constexpr int kLongestLatency = 3;
-constexpr double kSettleMs = 250;  // after which a picture is there
 
 // After what every display takes.
 Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec, int lit,
@@ -37,7 +36,7 @@ Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camer
     capture::Projector& p = *devices.projectors[q];
     CS_TRY_VOID(p.show(flat(p, all || static_cast<int>(q) == lit ? 65535 : 0)));
   }
-  devices.wait(kSettleMs);
+  devices.wait(kSettledMs);
   CS_TRY(const capture::Exposure exposure, camera.trigger());
   return photo_of(exposure, spec);
 }
