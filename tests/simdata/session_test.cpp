@@ -14,6 +14,13 @@ namespace {
 namespace fs = std::filesystem;
 using testing::TemporaryFolder;
 
+struct Listener final : Progress {
+  std::string said;
+  void step(std::string_view, double, double) override {}
+  void note(std::string_view text) override { said += std::string(text) + "\n"; }
+  void warn(std::string_view text) override { said += std::string(text) + "\n"; }
+};
+
 // The bytes of all photos, by name.
 std::map<std::string, std::string> photos(double latency_ms, double refresh_hz) {
   auto room = test::small_room();
@@ -21,10 +28,11 @@ std::map<std::string, std::string> photos(double latency_ms, double refresh_hz) 
   for (SimulatedProjector& p : room.simulation.projectors) p.latency_ms = latency_ms, p.refresh_hz = refresh_hz;
   const auto simulator = test::simulate(room);
   const TemporaryFolder folder;
-  SilentProgress silent;
+  Listener listener;
   const auto done = capture::capture_session(room.rig, "", capture::default_sequence(room.rig),
-                                             simdata::simulated_devices(simulator), folder / "session", {}, silent);
+                                             simdata::simulated_devices(simulator), folder / "session", {}, listener);
   EXPECT_TRUE(done) << done.error().message;
+  EXPECT_EQ(listener.said.find("again"), std::string::npos) << "what is measured is waited for: " << listener.said;
   std::map<std::string, std::string> all;
   for (const auto& entry : fs::directory_iterator(folder / "session/photos" / room.rig.cameras[0].id)) {
     std::ifstream file(entry.path(), std::ios::binary);

@@ -21,7 +21,7 @@ Served served(double exposure, bool same_clock, const std::function<double(int, 
   Served s;
   Random random(hash_name("photo clock"));
   PhotoClock clock;
-  double now = 1;
+  double now = 2000;
   int next = 0;  // photo that arrives next
   for (int question = 0; question < 200; ++question) {
     now += random.uniform(0, 0.2);
@@ -52,9 +52,9 @@ TEST(PhotoClock, GivesOutNoPhotoThatWasBegunBefore) {
 
 TEST(PhotoClock, TimesThatCannotBeTrueAreNotBelieved) {
   const auto future = [](int, double, double arrived) { return arrived + 0.17; };
-  const auto standing = [](int, double, double) { return 0.5; };
+  const auto standing = [](int, double, double) { return 2000.5; };
   const auto backwards = [](int n, double from, double) { return n == 50 ? from - 1 : from; };
-  const auto past = [](int, double from, double) { return from - 1e6; };  // another clock, that runs
+  const auto past = [](int, double from, double) { return from - 1000; };  // another clock, that runs
   for (const auto& stamp : {std::function<double(int, double, double)>(future), {standing}, {backwards}, {past}}) {
     const Served s = served(0.01, true, stamp, 0.01);
     EXPECT_GE(s.earliest, 0) << "two photos that were under way are dropped";
