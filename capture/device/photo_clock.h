@@ -6,7 +6,9 @@ namespace countershade::capture {
 // By the times that the driver gives them, for as long as these can be true: of the computer's own clock, never later
 // than the photo's arrival, each after the one before. A time may be the start or the end of the exposure (drivers say
 // the one and mean the other), so the exposure is taken off. Where times are not believed, or the exposure is not
-// known, the third photo that arrives counts: two may be under way. All times in seconds.
+// known, the third photo that arrives counts: two may be under way. Photos that a camera holds back inside, and whose
+// times are those of their arrival, look younger than they are: the session runner measures that together with the
+// display's lateness. All times in seconds.
 class PhotoClock {
  public:
   // From now on photos are of before until one was begun after `now`.

@@ -204,6 +204,7 @@ class OpenCamera final : public Camera {
   int unsettled_ = 0;  // photos to come that may be exposed as before
   bool armed_ = false, came_ = false, streaming_ = false;
   PhotoClock clock_;
+  int lost_ = 0;  // photos since trigger() that did not arrive whole
   std::uint64_t photos_ = 0;
 };
 
@@ -436,11 +437,15 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     CS_TRY_VOID(give(old->index));
   }
   clock_.ask(monotonic_s());
+  std::uint32_t former = 0;
   for (int seen = 0;; ++seen) {
     const double until_s = monotonic_s() + options_.timeout_s + 1e-3 * exposure_ms_;
     CS_TRY(const std::optional<v4l2_buffer> taken, take(until_s));
     came_ = taken.has_value();
     if (!came_) return std::optional<Exposure>();
+    // Drivers keep what came short to themselves; the numbers tell.
+    if (seen > 0 && taken->sequence > former) lost_ += static_cast<int>(taken->sequence - former - 1);
+    former = taken->sequence;
     const double time_s =
         static_cast<double>(taken->timestamp.tv_sec) + 1e-6 * static_cast<double>(taken->timestamp.tv_usec);
     const bool monotonic = (taken->flags & V4L2_BUF_FLAG_TIMESTAMP_MASK) == V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC;
@@ -452,7 +457,10 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     std::optional<Result<Image>> values;
     if (!(taken->flags & V4L2_BUF_FLAG_ERROR)) values = read_out(*taken);
     CS_TRY_VOID(give(taken->index));
-    if (!values || !*values) return std::optional<Exposure>();
+    if (!values || !*values) {
+      ++lost_;
+      return std::optional<Exposure>();
+    }
     Exposure e;
     e.values = std::move(**values);
     e.full_scale = format_.full_scale();
@@ -466,10 +474,11 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
 
 Result<Exposure> OpenCamera::trigger() {
   CS_CHECK(armed_, "camera '" + id_ + "' is triggered before it is armed");
+  lost_ = 0;
   for (int i = 0; i < options_.tries; ++i) {
     CS_TRY(std::optional<Exposure> whole, take_whole());
     if (!whole) continue;
-    whole->lost = i;
+    whole->lost = lost_;
     return std::move(*whole);
   }
   if (!came_)

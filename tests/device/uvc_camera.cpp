@@ -198,7 +198,8 @@ void UvcCamera::photograph() {
     if (format() == "YUYV") photo_.push_back(128);
   }
   ++photos_;
-  if (options_.cut_every > 0 && photos_ % options_.cut_every == 0) photo_.resize(photo_.size() / 2);
+  if (options_.cut_of > 0 && (static_cast<unsigned>(photos_) * 2654435761u >> 16) % options_.cut_of == 0)
+    photo_.resize(photo_.size() / 2);
   sent_ = 0;
   parity_ = !parity_;
 }

@@ -15,7 +15,7 @@ struct UvcOptions {
   std::vector<std::string> formats = {"GREY", "Y16 "};  // of GREY, Y16, YUYV, BA81 (Bayer, blue first)
   int delay = 0;                                        // settings act so many photos later
   int step = 1;                  // exposures are rounded down to so many tenths of a millisecond, silently
-  int cut_every = 0;             // every so manyth photo ends half-way
+  int cut_of = 0;                // one of so many photos ends half-way, at no fixed distance
   bool frozen_exposure = false;  // it reads back what is set, and exposes 10 ms
 };
 

@@ -185,7 +185,7 @@ def decode_economy(rows, axes):
 
 def pre_scan(rows, axes):
     """Pixels lost, forecast from eight photos against what decoding then found."""
-    rows = [r for r in rows if r["code"] in CODES]
+    rows = [r for r in rows if r["code"] in CODES and r["forecast lost %"] != "-"]  # stripes have no forecast
     for code, colour in CODES.items():
         chosen = [r for r in rows if r["code"] == code]
         if not chosen:
