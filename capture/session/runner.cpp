@@ -9,12 +9,16 @@
 #include "capture/session/frame_judge.h"
 #include "capture/session/session_folder.h"
 #include "capture/session/stage.h"
+#include "capture/session/view_shift.h"
 
 namespace countershade::capture {
 
 namespace fs = std::filesystem;
 
 namespace {
+
+constexpr double kShiftedPx = 0.25;  // that a photo may be beside a stored one
+constexpr int kShakePhotos = 4;      // more that are taken of what seems to have moved
 
 class Capture {
  public:
@@ -53,9 +57,11 @@ class Capture {
   Result<Bins> stored_pixels(int f, std::size_t c) const;
   Views bins_of(int f, const std::vector<Shot>& shots) const;
 
-  Result<bool> view_stands();
+  Result<std::string> moved(int f, std::vector<Shot> now);
+  Result<std::string> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
+  Result<std::string> view_changed();
   Result<void> set_aside();
-  Result<void> take_all_again();
+  Result<void> take_all_again(const std::string& changed);
 
   const Sequence& sequence_;
   const fs::path& folder_;
@@ -157,15 +163,20 @@ std::vector<int> Capture::telling_frames() const {
 Result<void> Capture::start() {
   const std::vector<int> telling = telling_frames();
   if (telling.empty()) {
-    CS_TRY(Views dark, stage_.settle(stage_.plain(0)));
-    judge_.saw_dark(std::move(dark));
+    CS_TRY(const std::vector<Shot> dark, stage_.settle(stage_.plain(0)));
+    judge_.saw_dark(views_of(dark));
     return stage_.measure_latency(stage_.plain(65535), stage_.plain(0));
   }
   const int reference = telling.back();
   progress_.note(fmt::format("resuming: {} is photographed again and compared", judge_.name_of(reference)));
   CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[reference]));
-  CS_TRY(const Views now, stage_.settle(pictures));
-  if (const std::string why = judge_.moved(reference, now); !why.empty()) return error(ErrorCode::kRefused, "{}", why);
+  CS_TRY(std::vector<Shot> now, stage_.settle(pictures));
+  CS_TRY(const std::string why, moved(reference, std::move(now)));
+  if (!why.empty())
+    return error(ErrorCode::kRefused,
+                 "{}: camera, projector or room moved: put them back as they were, or capture a new session in another "
+                 "folder",
+                 why);
   return stage_.measure_latency(stage_.plain(0), pictures);  // the reference is not dark
 }
 
@@ -247,13 +258,13 @@ Result<bool> Capture::answers(const std::vector<Image>& blocks, const Pictures& 
     for (float v : blocks[p].data()) mean += v / static_cast<double>(blocks[p].data().size());
     Pictures probe = pictures;
     probe[p] = Picture(pictures[p].width(), pictures[p].height(), 3, mean < 0.5 ? 65535 : 0);
-    CS_TRY(const Views probed, stage_.settle(probe));
+    CS_TRY(const std::vector<Shot> probed, stage_.settle(probe));
     judge_.saw({blocks, now});
-    all = judge_.any_change(probed);
+    all = judge_.any_change(views_of(probed));
   }
-  CS_TRY(const Views again, stage_.settle(pictures));
+  CS_TRY(const std::vector<Shot> again, stage_.settle(pictures));
   judge_.saw({blocks, now});
-  all = all && !judge_.any_change(again);
+  all = all && !judge_.any_change(views_of(again));
   judge_.saw(before);
   return all;
 }
@@ -273,8 +284,44 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
 
 // ---- does the session still show what stands there? ----
 
-// Whether the first bright frame of each projector is still seen as it was stored: one projector alone may have moved.
-Result<bool> Capture::view_stands() {
+// Why the cameras cannot stand where they stood when frame f, which is shown, was stored; empty when they can. A camera
+// that shakes is given more photos to find back.
+Result<std::string> Capture::moved(int f, std::vector<Shot> now) {
+  double shake_px = 0, shake = 0;
+  for (int photo = 0;; ++photo) {
+    std::string why = judge_.moved(f, views_of(now), shake);
+    if (why.empty()) {
+      CS_TRY(why, shifted(f, now, shake_px));
+    }
+    if (why.empty() || photo == kShakePhotos) return why;
+    CS_TRY(std::vector<Shot> next, stage_.look_again());
+    for (std::size_t c = 0; c < next.size(); ++c) {
+      shake = std::max(shake, change_of_view(now[c].bins, next[c].bins).first);
+      shake_px = std::max(shake_px,
+                          view_shift_px(judge_.pixels_of(now[c].stored[0], c), judge_.pixels_of(next[c].stored[0], c)));
+    }
+    now = std::move(next);
+  }
+}
+
+Result<std::string> Capture::shifted(int f, const std::vector<Shot>& now, double shake_px) const {
+  for (std::size_t c = 0; c < stage_.cameras().size(); ++c) {
+    CS_TRY(const Bins before, stored_pixels(f, c));
+    if (before.light.empty()) continue;
+    const double px = view_shift_px(before, judge_.pixels_of(now[c].stored[0], c));
+    const double allowed = kShiftedPx + 2 * shake_px;
+    if (px > allowed)
+      return fmt::format(
+          "camera '{}' sees {} shifted by {:.2f} px since it was stored (allowed {:.2f} px: {:.2f}, and twice what it "
+          "shakes)",
+          stage_.cameras()[c].spec->id, judge_.name_of(f), px, allowed, kShiftedPx);
+  }
+  return std::string();
+}
+
+// Why the first bright frame of some projector is not seen as it was stored (one alone may have moved); empty where all
+// are.
+Result<std::string> Capture::view_changed() {
   const std::vector<int> telling = telling_frames();
   for (const auto& [id, size] : sequence_.projectors) {
     const auto of_this = [&](int f) {
@@ -284,10 +331,11 @@ Result<bool> Capture::view_stands() {
     const auto first = std::find_if(telling.begin(), telling.end(), of_this);
     if (first == telling.end()) continue;
     CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[*first]));
-    CS_TRY(const Views now, stage_.look(pictures));
-    if (!judge_.moved(*first, now).empty()) return false;
+    CS_TRY(std::vector<Shot> now, stage_.look(pictures));
+    CS_TRY(const std::string why, moved(*first, std::move(now)));
+    if (!why.empty()) return why;
   }
-  return true;
+  return std::string();
 }
 
 // The session's photos go where nobody takes them for the session's.
@@ -310,19 +358,19 @@ Result<void> Capture::set_aside() {
 }
 
 // All of it, once more: which frames are of before a change no photo can tell for sure, since some would look the same.
-Result<void> Capture::take_all_again() {
+Result<void> Capture::take_all_again(const std::string& changed) {
   progress_.warn(
       fmt::format("camera, a projector or the room moved, or the light changed, while photos were taken: all {} frames "
-                  "are taken again; the former photos are kept in '{}'",
-                  frames(), (folder_ / "outdated").string()));
+                  "are taken again; the former photos are kept in '{}' ({})",
+                  frames(), (folder_ / "outdated").string(), changed));
   CS_TRY_VOID(set_aside());
   CS_TRY_VOID(take_all());
-  CS_TRY(const bool stands, view_stands());
-  if (stands) return {};
+  CS_TRY(const std::string again, view_changed());
+  if (again.empty()) return {};
   return error(ErrorCode::kRefused,
                "the view changed again while photos were taken: camera, projectors and room must stand still and the "
-               "light must stay; then capture in another folder than '{}'",
-               folder_.string());
+               "light must stay; then capture in another folder than '{}' ({})",
+               folder_.string(), again);
 }
 
 Result<void> Capture::take_missing() {
@@ -333,10 +381,10 @@ Result<void> Capture::take_missing() {
   CS_TRY_VOID(start());
   const auto taken = take_all();
   if (!taken && !contradicted_) return taken;  // photos that contradict one another may be of two views
-  const auto stands = view_stands();
-  if (!taken && (!stands || *stands)) return taken;
-  if (!stands) return stands.error();
-  if (!*stands) CS_TRY_VOID(take_all_again());
+  const auto changed = view_changed();
+  if (!taken && (!changed || changed->empty())) return taken;
+  if (!changed) return changed.error();
+  if (!changed->empty()) CS_TRY_VOID(take_all_again(*changed));
   if (options_.lateness != nullptr) *options_.lateness = stage_.lateness();
   if (stage_.lost() > 0)
     progress_.note(fmt::format("{} photos did not arrive whole and were taken again", stage_.lost()));

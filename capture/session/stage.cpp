@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "capture/session/latency.h"
-
 namespace countershade::capture {
 
 namespace {
@@ -61,6 +59,12 @@ Pictures Stage::plain(std::uint16_t value) const {
 
 // ---- showing and photographing ----
 
+Views views_of(const std::vector<Shot>& shots) {
+  Views views;
+  for (const Shot& shot : shots) views.push_back(shot.bins);
+  return views;
+}
+
 Result<void> Stage::show(const Pictures& pictures, double wait_ms) {
   for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->hand_over(pictures[p]));
   devices_.wait(wait_ms);
@@ -113,36 +117,25 @@ Wanted Stage::first_exposures() const {
   return first;
 }
 
-Result<Views> Stage::first_views() {
-  CS_TRY(std::vector<Shot> shots, photograph(first_exposures()));
-  Views views;
-  for (Shot& shot : shots) views.push_back(std::move(shot.bins));
-  return views;
-}
-
 Result<void> Stage::show_until_seen(const Pictures& pictures) {
   for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
   devices_.wait((12 - options_.retakes - 1) * options_.retake_wait_ms);
   return {};
 }
 
-Result<Views> Stage::look(const Pictures& pictures) {
+Result<std::vector<Shot>> Stage::look(const Pictures& pictures) {
   CS_TRY_VOID(show_until_seen(pictures));
-  return first_views();
+  return look_again();
 }
 
-Result<Views> Stage::settle(const Pictures& pictures) {
-  CS_TRY_VOID(show_until_seen(pictures));
-  CS_TRY(const std::vector<Shot> one, photograph(first_exposures()));
-  CS_TRY(const std::vector<Shot> two, photograph(first_exposures()));
-  Views bins;
-  for (std::size_t c = 0; c < cameras_.size(); ++c) {
+Result<std::vector<Shot>> Stage::settle(const Pictures& pictures) {
+  CS_TRY(const std::vector<Shot> one, look(pictures));
+  CS_TRY(std::vector<Shot> two, look_again());
+  for (std::size_t c = 0; c < cameras_.size(); ++c)
     judge_.learn_noise(c, one[c].bins, two[c].bins, judge_.pixels_of(one[c].stored[0], c),
                        judge_.pixels_of(two[c].stored[0], c));
-    bins.push_back(two[c].bins);
-  }
-  judge_.saw({blocks_of(pictures), bins});
-  return bins;
+  judge_.saw({blocks_of(pictures), views_of(two)});
+  return two;
 }
 
 // ---- how late the display is ----
@@ -157,9 +150,8 @@ Result<Stage::Arrival> Stage::wait_for(const Pictures& pictures, int shows, doub
   Arrival arrival;
   while (photos.size() < 2 ||
          (photos.size() < kMostPhotos && photos.back().from_ms - photos.front().from_ms < kLongestLatencyMs)) {
-    CS_TRY(const std::vector<Shot> shots, photograph(first_exposures()));
-    Views now;
-    for (const Shot& shot : shots) now.push_back(shot.bins);
+    CS_TRY(const std::vector<Shot> shots, look_again());
+    Views now = views_of(shots);
     arrival.seen = judge_.any_change(now);
     const bool settled = arrival.seen && !views.empty() && !judge_.differ(views.back(), now);
     views.push_back(std::move(now));
@@ -167,7 +159,7 @@ Result<Stage::Arrival> Stage::wait_for(const Pictures& pictures, int shows, doub
     if (settled) break;
   }
   for (std::size_t i = 0; i < photos.size(); ++i) photos[i].share = judge_.share_of_change(views[i], views.back());
-  arrival.after_ms = arrival.seen ? appeared_after_ms(photos) : 0;
+  if (arrival.seen) arrival.appeared = appearance(photos);
   arrival.exposure_ms = photos.front().exposure_ms;
   arrival.settled = std::move(views.back());
   return arrival;
@@ -209,30 +201,31 @@ Result<void> Stage::measure_latency(const Pictures& pictures, const Pictures& fo
     there = there != arrival.seen;
     return arrival;
   };
-  double longest_ms = 0;
+  double latest_ms = 0;
   for (int trial = 1; trial <= kTrials; ++trial) {
     CS_TRY(const Arrival arrival, step(trial, 0));
-    longest_ms = std::max(longest_ms, arrival.after_ms);
+    latest_ms = std::max(latest_ms, arrival.appeared.latest_ms);
   }
-  if (longest_ms == 0) return {};
+  if (latest_ms == 0) return {};
   const double refresh_ms = devices_.refresh_ms();
-  longest_ms += refresh_ms;  // of being taken, which is not waited for any more
-  double exposure_ms = 0;
-  bool timed = false;
+  latest_ms += refresh_ms;           // of being taken, which is not waited for any more
+  std::vector<Appearance> appeared;  // since they were handed over
+  double before_ms = 0;              // that the exposure begins before the moment at which the change is expected
   for (int trial = 1; trial <= kTrialsLate; ++trial) {
-    const double wait_ms = std::max(refresh_ms, longest_ms - 0.8 * exposure_ms);
+    const double wait_ms = std::max(refresh_ms, latest_ms - before_ms);
     CS_TRY(const Arrival arrival, step(trial, wait_ms));
     if (!arrival.seen) continue;  // a frame that comes as late is judged and taken again
-    exposure_ms = arrival.exposure_ms;
-    const double after_ms = wait_ms + arrival.after_ms;
-    if (arrival.after_ms > 0)
-      longest_ms = timed ? std::max(longest_ms, after_ms) : after_ms, timed = true;
-    else if (!timed)
-      longest_ms = wait_ms;  // it was there before: the next one is photographed earlier
+    const Appearance& at = arrival.appeared;
+    if (at.latest_ms > 0) appeared.push_back({wait_ms + at.earliest_ms, wait_ms + at.latest_ms});
+    const bool found = std::any_of(appeared.begin(), appeared.end(), [](const Appearance& a) { return a.timed(); });
+    // Until one is timed they are looked for earlier and earlier; then later ones are, since the latest counts.
+    latest_ms = appeared.empty() ? wait_ms : longest_ms(appeared);
+    if (!found && at.latest_ms == 0) latest_ms = wait_ms;
+    before_ms = (found ? 0.3 : 0.8) * arrival.exposure_ms;
   }
-  lateness_.wait_ms = longest_ms + refresh_ms;
+  lateness_.wait_ms = latest_ms + refresh_ms;
   progress_.note(fmt::format("pictures are seen up to {:.0f} ms after they were shown: photos wait for {:.0f} ms",
-                             longest_ms, lateness_.wait_ms));
+                             latest_ms, lateness_.wait_ms));
   return {};
 }
 

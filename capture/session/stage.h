@@ -7,6 +7,7 @@
 
 #include "calib/base/progress.h"
 #include "capture/session/frame_judge.h"
+#include "capture/session/latency.h"
 #include "capture/session/runner.h"
 
 namespace countershade::capture {
@@ -26,6 +27,8 @@ struct Shot {
   double from_ms = 0, exposure_ms = 0;  // of it, by the camera's clock
 };
 using Wanted = std::vector<std::vector<bool>>;  // [camera][exposure]
+
+Views views_of(const std::vector<Shot>& shots);
 
 class Stage {
  public:
@@ -48,9 +51,12 @@ class Stage {
   // As a frame is shown before its photo: as often and as long before as the display is late; `late` times later yet.
   Result<void> show_for_photo(const Pictures& pictures, int shows, int late);
   Result<std::vector<Shot>> photograph(const Wanted& wanted);
-  // Shows so often and so long before that no latency is left; photographs once, or twice to learn the noise.
-  Result<Views> look(const Pictures& pictures);
-  Result<Views> settle(const Pictures& pictures);
+  // Shows so often and so long before that no latency is left; photographs once, or twice to learn the noise. First
+  // exposures only.
+  Result<std::vector<Shot>> look(const Pictures& pictures);
+  Result<std::vector<Shot>> settle(const Pictures& pictures);
+  // Photographs once more what is shown.
+  Result<std::vector<Shot>> look_again() { return photograph(first_exposures()); }
 
   // How late the display is, by steps between these pictures; `former` is what is seen when it is called.
   Result<void> measure_latency(const Pictures& pictures, const Pictures& former);
@@ -63,14 +69,13 @@ class Stage {
  private:
   struct Arrival {
     bool seen = false;
-    double after_ms = 0;  // since the first photo's start
+    Appearance appeared;  // since the first photo's start
     double exposure_ms = 0;
     Views settled;
   };
   Result<Exposure> expose(const CameraSlot& camera, std::size_t e);
   Wanted first_exposures() const;
   Result<void> show_until_seen(const Pictures& pictures);
-  Result<Views> first_views();
   Result<Arrival> wait_for(const Pictures& pictures, int shows, double wait_ms);
   Result<void> count_shows(const Pictures& pictures);
 
