@@ -14,12 +14,23 @@ namespace countershade::bench {
 namespace {
 
 const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
-    {"form-factors", form_factors}, {"closed-form", closed_form},       {"first-speed", first_speed},
-    {"decode-real", decode_real},   {"two-wall-loop", two_wall_loop},   {"verify-honest", verify_honest},
-    {"sim-faults", sim_faults},     {"sim-speed", sim_speed},           {"sim-truth", sim_truth},
-    {"decode-hard", decode_hard},   {"decode-economy", decode_economy}, {"pre-scan", pre_scan},
-    {"decode-speed", decode_speed}, {"lens", lens_calibration},         {"kill", kill_study},
+    {"form-factors", form_factors},
+    {"closed-form", closed_form},
+    {"first-speed", first_speed},
+    {"decode-real", decode_real},
+    {"two-wall-loop", two_wall_loop},
+    {"verify-honest", verify_honest},
+    {"sim-faults", sim_faults},
+    {"sim-speed", sim_speed},
+    {"sim-truth", sim_truth},
+    {"decode-hard", decode_hard},
+    {"decode-economy", decode_economy},
+    {"pre-scan", pre_scan},
+    {"decode-speed", decode_speed},
+    {"lens", lens_calibration},
+    {"kill", kill_study},
     {"sync", sync_study},
+    {"capture-to-show", capture_to_show},
 };
 
 void print(const Study& study) {

@@ -118,7 +118,7 @@ Result<void> Look::latency(Inspection& to) {
       const double share = (mean_of(t.light) - dark) / std::max(1e-9, bright - dark);
       photos.push_back({t.from_ms, exposure_ms_, up ? share : 1 - share});
     }
-    after_ms.push_back(capture::appeared_after_ms(photos));
+    after_ms.push_back(capture::appearance(photos).latest_ms);
   }
   const double longest = percentile(after_ms, 1), spread = longest - percentile(after_ms, 0);
   Finding f{
