@@ -14,18 +14,21 @@ namespace {
 
 constexpr std::uint16_t kFull = 65535;
 
-using Shader = std::function<std::array<double, 3>(int x, int y)>;
-
 std::uint16_t to_bits8(double encoded) {
   return static_cast<std::uint16_t>(257 * std::lround(255 * std::clamp(encoded, 0.0, 1.0)));
 }
 
+using Bits = std::array<std::uint16_t, 3>;
+
+// shader(x, y): the picture's numbers there.
+template <class Shader>
 Picture draw(int width, int height, const Shader& shader) {
   Picture picture(width, height, 3);
   parallel_for(height, [&](int y) {
+    std::uint16_t* row = picture.row(y);
     for (int x = 0; x < width; ++x) {
-      const std::array<double, 3> rgb = shader(x, y);
-      for (int c = 0; c < 3; ++c) picture.at(x, y, c) = to_bits8(rgb[c]);
+      const Bits bits = shader(x, y);
+      std::copy(bits.begin(), bits.end(), row + 3 * static_cast<std::size_t>(x));
     }
   });
   return picture;
@@ -36,14 +39,19 @@ Picture draw_along(const std::string& axis, int width, int height, const std::fu
   std::vector<std::uint16_t> line(axis == "x" ? width : height);
   for (std::size_t i = 0; i < line.size(); ++i) line[i] = to_bits8(value(static_cast<int>(i)));
   Picture picture(width, height, 3);
-  for (int y = 0; y < height; ++y)
+  if (axis == "x") {
     for (int x = 0; x < width; ++x)
-      for (int c = 0; c < 3; ++c) picture.at(x, y, c) = line[axis == "x" ? x : y];
+      for (int c = 0; c < 3; ++c) picture.at(x, 0, c) = line[x];
+    for (int y = 1; y < height; ++y) std::copy(picture.row(0), picture.row(1), picture.row(y));
+  } else {
+    for (int y = 0; y < height; ++y) std::fill_n(picture.row(y), 3 * static_cast<std::size_t>(width), line[y]);
+  }
   return picture;
 }
 
-std::array<double, 3> primary(const std::string& channel) {
-  const auto has = [&](char c) { return channel.find(c) != std::string::npos ? 1.0 : 0.0; };
+// Full in the primaries that `channel` names.
+Bits primary(const std::string& channel) {
+  const auto has = [&](char c) { return channel.find(c) != std::string::npos ? kFull : std::uint16_t{0}; };
   return {has('r'), has('g'), has('b')};
 }
 
@@ -56,33 +64,68 @@ bool block_lit(int seed, int cell_x, int cell_y) {
   return ((cell_x + cell_y) & 1) ^ static_cast<int>(pair & 1);
 }
 
-double smooth_noise(std::uint64_t seed, double x, double y) {
-  const double fx = std::floor(x), fy = std::floor(y);
-  const auto value = [&](double i, double j) {
+// Smooth noise of one octave: random values at whole coordinates, eased between them.
+class Octave {
+ public:
+  // Pixel (x, y) has the coordinates 10 + scale_x (x + .5), 10 + scale_y (y + .5).
+  Octave(std::uint64_t seed, double scale_x, double scale_y, int width, int height) : scale_y_(scale_y) {
+    columns_ = static_cast<int>(scale_x * width) + 3;
+    const int rows = static_cast<int>(scale_y * height) + 3;
+    for (int j = 0; j < rows; ++j)
+      for (int i = 0; i < columns_; ++i) values_.push_back(value(seed, i + 10, j + 10));
+    for (int x = 0; x < width; ++x) {
+      const double at = scale_x * (x + 0.5);
+      left_.push_back(static_cast<int>(at)), share_.push_back(ease(at - std::floor(at)));
+    }
+  }
+  double at(int x, int y) const {
+    const double row = scale_y_ * (y + 0.5), down = ease(row - std::floor(row));
+    const double* above = &values_[static_cast<std::size_t>(row) * columns_ + left_[x]];
+    const double* below = above + columns_;
+    return std::lerp(std::lerp(above[0], above[1], share_[x]), std::lerp(below[0], below[1], share_[x]), down);
+  }
+
+ private:
+  static double value(std::uint64_t seed, int i, int j) {
     return static_cast<double>(mix(seed ^ mix(static_cast<std::uint64_t>(i) * 0x9e3779b1u +
                                               static_cast<std::uint64_t>(j) * 0x85ebca77u)) >>
                                11) *
            0x1.0p-53;
-  };
-  const auto ease = [](double t) { return t * t * (3 - 2 * t); };
-  const double u = ease(x - fx), v = ease(y - fy);
-  return std::lerp(std::lerp(value(fx, fy), value(fx + 1, fy), u),
-                   std::lerp(value(fx, fy + 1), value(fx + 1, fy + 1), u), v);
-}
-
-// Photo-like: several octaves of smooth noise with slowly changing colour, encoded .35 to .95.
-std::array<double, 3> held_out(int seed, double u, double v) {
-  std::array<double, 3> rgb{};
-  for (int c = 0; c < 3; ++c) {
-    double sum = 0, weight = 0, amplitude = 1, scale = 2;
-    for (int octave = 0; octave < 5; ++octave, amplitude *= 0.55, scale *= 2) {
-      const std::uint64_t key = mix(static_cast<std::uint64_t>(seed)) + octave * 3u + (octave < 2 ? c : 0);
-      sum += amplitude * smooth_noise(key, scale * 1.6 * u + 10, scale * v + 10);
-      weight += amplitude;
-    }
-    rgb[c] = 0.65 + 0.3 * std::clamp(3 * (sum / weight - 0.5), -1.0, 1.0);
   }
-  return rgb;
+  static double ease(double t) { return t * t * (3 - 2 * t); }
+
+  double scale_y_;
+  int columns_ = 0;
+  std::vector<double> values_;  // [row][column]
+  std::vector<int> left_;       // of each x: column of the value left of it
+  std::vector<double> share_;   // of each x: of the one right of it
+};
+
+// Photo-like: five octaves of smooth noise with slowly changing colour, encoded .35 to .95.
+Picture held_out(int seed, int width, int height) {
+  constexpr int kOctaves = 5, kColoured = 2;
+  std::vector<std::array<Octave, 3>> octaves;
+  double scale = 2, weight = 0, amplitude = 1;
+  std::array<double, kOctaves> amplitudes{};
+  for (int k = 0; k < kOctaves; ++k, amplitude *= 0.55, scale *= 2) {
+    const auto octave = [&](int c) {
+      const std::uint64_t key = mix(static_cast<std::uint64_t>(seed)) + k * 3u + (k < kColoured ? c : 0);
+      return Octave(key, 1.6 * scale / height, scale / height, width, height);
+    };
+    octaves.push_back({octave(0), octave(1), octave(2)});
+    amplitudes[k] = amplitude, weight += amplitude;
+  }
+  return draw(width, height, [&](int x, int y) {
+    Bits bits{};
+    double grey = 0;  // the same in all channels
+    for (int k = kColoured; k < kOctaves; ++k) grey += amplitudes[k] * octaves[k][0].at(x, y);
+    for (int c = 0; c < 3; ++c) {
+      double sum = grey;
+      for (int k = 0; k < kColoured; ++k) sum += amplitudes[k] * octaves[k][c].at(x, y);
+      bits[c] = to_bits8(0.65 + 0.3 * std::clamp(3 * (sum / weight - 0.5), -1.0, 1.0));
+    }
+    return bits;
+  });
 }
 
 }  // namespace
@@ -160,16 +203,14 @@ Result<Picture> render_role(const Role& role, const std::string& projector_id, i
   if (role.kind == "gray" || role.kind == "xor") return along(gray_stripe);
   if (role.kind == "phase") return along(wave);
   if (role.kind == "mask") return along(stripe);
-  const std::array<double, 3> lit = primary(role.channel), dark{0, 0, 0};
+  const Bits lit = primary(role.channel);
   if (role.kind == "primary") return draw(width, height, [&](int, int) { return lit; });
   if (role.kind == "blocks")
     return draw(width, height, [&](int x, int y) {
-      return block_lit(role.seed, x / role.cell_px, y / role.cell_px) != role.inverse ? lit : dark;
+      return block_lit(role.seed, x / role.cell_px, y / role.cell_px) != role.inverse ? lit : Bits{};
     });
-  if (role.kind == "held-out") {
-    const int seed = role.seed + static_cast<int>(hash_name(projector_id) % 1000);
-    return draw(width, height, [&](int x, int y) { return held_out(seed, (x + 0.5) / height, (y + 0.5) / height); });
-  }
+  if (role.kind == "held-out")
+    return held_out(role.seed + static_cast<int>(hash_name(projector_id) % 1000), width, height);
   return error(ErrorCode::kUnsupported,
                "frames of kind '{}' cannot be drawn by this version; it knows white, black, gray, xor, phase, blocks, "
                "primary, held-out, mask",

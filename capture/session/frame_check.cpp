@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "calib/base/parallel.h"
 #include "calib/photometry/response.h"
 
 namespace countershade::capture {
@@ -18,34 +19,33 @@ std::vector<float> linearisation(const CameraSpec& camera) {
   return response->decode_table(4096);
 }
 
-struct Accumulated {
-  double sum = 0, brightest = 0;
-  double channel[3] = {0, 0, 0};
+// Of a row of bins: sums of the light of each channel of each bin, and what the stored numbers reach.
+struct BinRow {
+  std::vector<float> sum;  // [bin][channel]
+  std::vector<std::uint8_t> valid;
+  float brightest = 0;  // stored
   std::size_t saturated = 0;
 };
 
-// Sums one bin: fractions of full scale above the pedestal.
-Accumulated accumulate_bin(const Image& stored, int x0, int y0, int bin, double pedestal, double full,
-                           const std::vector<float>& table) {
-  Accumulated a;
-  const int n = stored.channels();
-  for (int y = y0; y < y0 + bin; ++y) {
-    const float* p = stored.row(y) + static_cast<std::size_t>(x0) * n;
-    for (int x = 0; x < bin; ++x) {
-      bool saturated = false;
-      for (int c = 0; c < n; ++c, ++p) {
-        const double fraction = (*p - pedestal) / (full - pedestal);
-        saturated = saturated || *p >= kSaturation * full;
-        a.brightest = std::max(a.brightest, fraction);
-        const double light =
-            table.empty() ? fraction : table[std::lround(std::clamp(fraction, 0.0, 1.0) * (table.size() - 1))];
-        a.sum += light;
-        a.channel[c] += light;
-      }
-      a.saturated += saturated;
-    }
+// Stored numbers of one row of the photo, light_of each; the rows of a bin are added one after the other.
+template <class LightOf>
+void add_row(const float* stored, int bins, int bin, int channels, float limit, LightOf&& light_of, BinRow& row) {
+  float brightest = row.brightest;
+  for (int i = 0; i < bins * bin * channels; ++i) brightest = std::max(brightest, stored[i]);
+  row.brightest = brightest;
+  const float* p = stored;
+  for (int b = 0; b < bins; ++b) {
+    float sum[3] = {0, 0, 0};
+    for (int x = 0; x < bin; ++x, p += channels)
+      for (int c = 0; c < channels; ++c) sum[c] += light_of(p[c]);
+    for (int c = 0; c < channels; ++c) row.sum[b * channels + c] += sum[c];
   }
-  return a;
+  if (brightest < limit) return;  // mostly
+  for (int x = 0; x < bins * bin; ++x) {
+    bool saturated = false;
+    for (int c = 0; c < channels; ++c) saturated = saturated || stored[x * channels + c] >= limit;
+    if (saturated) row.valid[x / bin] = 0, ++row.saturated;
+  }
 }
 
 void check_sizes(const Bins& a, const Bins& b) {
@@ -76,21 +76,41 @@ Bins bin_photo(const Image& stored, double full_scale, const CameraSpec& camera,
   const double full = camera.full_scale.value_or(full_scale);
   const std::vector<float> table = linearisation(camera);
   bin = std::max(1, std::min({bin, stored.width(), stored.height()}));
+  const int width = stored.width() / bin, height = stored.height() / bin, channels = stored.channels();
   Bins bins;
-  bins.light = Image(stored.width() / bin, stored.height() / bin, 1);
-  bins.colour = Image(bins.light.width(), bins.light.height(), stored.channels());
-  bins.valid = Mask(bins.light.width(), bins.light.height(), 1, 1);
-  std::size_t saturated = 0;
-  for (int by = 0; by < bins.light.height(); ++by)
-    for (int bx = 0; bx < bins.light.width(); ++bx) {
-      const Accumulated a = accumulate_bin(stored, bx * bin, by * bin, bin, camera.pedestal, full, table);
-      bins.light.at(bx, by) = static_cast<float>(a.sum / (bin * bin * stored.channels()));
-      for (int c = 0; c < stored.channels(); ++c)
-        bins.colour.at(bx, by, c) = static_cast<float>(a.channel[c] / (bin * bin));
-      if (a.saturated) bins.valid.at(bx, by) = 0;
-      bins.brightest = std::max(bins.brightest, a.brightest);
-      saturated += a.saturated;
+  bins.light = Image(width, height, 1);
+  if (bin > 1) bins.colour = Image(width, height, channels);
+  bins.valid = Mask(width, height, 1, 1);
+  const auto pedestal = static_cast<float>(camera.pedestal), scale = static_cast<float>(1 / (full - camera.pedestal));
+  const auto limit = static_cast<float>(kSaturation * full);
+  const auto linear = [=](float v) { return (v - pedestal) * scale; };
+  const auto last = static_cast<float>(table.size()) - 1;
+  const auto looked_up = [&](float v) {
+    return table[static_cast<int>(std::clamp(linear(v), 0.0f, 1.0f) * last + 0.5f)];
+  };
+  std::vector<BinRow> rows(height);
+  parallel_for(height, [&](int by) {
+    BinRow& row = rows[by];
+    row.sum.assign(static_cast<std::size_t>(width) * channels, 0);
+    row.valid.assign(width, 1);
+    for (int y = by * bin; y < (by + 1) * bin; ++y)
+      if (table.empty())
+        add_row(stored.row(y), width, bin, channels, limit, linear, row);
+      else
+        add_row(stored.row(y), width, bin, channels, limit, looked_up, row);
+    const auto pixels = static_cast<float>(bin * bin);
+    for (int bx = 0; bx < width; ++bx) {
+      float sum = 0;
+      for (int c = 0; c < channels; ++c) sum += row.sum[bx * channels + c] / pixels;
+      bins.light.at(bx, by) = sum / static_cast<float>(channels);
+      for (int c = 0; c < bins.colour.channels(); ++c) bins.colour.at(bx, by, c) = row.sum[bx * channels + c] / pixels;
+      bins.valid.at(bx, by) = row.valid[bx];
     }
+  });
+  std::size_t saturated = 0;
+  float brightest = 0;
+  for (const BinRow& row : rows) saturated += row.saturated, brightest = std::max(brightest, row.brightest);
+  bins.brightest = std::max(0.0, (brightest - camera.pedestal) / (full - camera.pedestal));
   bins.saturated = static_cast<double>(saturated) / std::max<std::size_t>(1, bins.light.pixels() * bin * bin);
   return bins;
 }
@@ -103,10 +123,16 @@ double mean_light(const Bins& bins) {
 
 double mean_difference(const Bins& a, const Bins& b) {
   check_sizes(a, b);
+  const Image &one = a.colour.empty() ? a.light : a.colour, &other = b.colour.empty() ? b.light : b.colour;
+  CS_CHECK(one.channels() == other.channels(), "photos that are binned alike");
   double sum = 0;
-  const std::size_t count = a.colour.data().size();
-  for (std::size_t i = 0; i < count; ++i) sum += std::abs(a.colour.data()[i] - b.colour.data()[i]);
-  return sum / std::max<std::size_t>(1, count);
+  for (int y = 0; y < one.height(); ++y) {
+    const float *p = one.row(y), *q = other.row(y);
+    float row = 0;  // short enough for a float
+    for (int i = 0; i < one.width() * one.channels(); ++i) row += std::abs(p[i] - q[i]);
+    sum += row;
+  }
+  return sum / static_cast<double>(std::max<std::size_t>(1, one.data().size()));
 }
 
 std::pair<double, double> change_of_view(const Bins& a, const Bins& b) {
@@ -146,20 +172,24 @@ PairLaw pair_law(const Bins& white, const Bins& black, const Bins& one, const Bi
 }
 
 Image block_light(const Picture& picture) {
-  const int block = std::max(1, (picture.width() + 19) / 20);
-  Image blocks((picture.width() + block - 1) / block, (picture.height() + block - 1) / block, picture.channels());
-  Image counts(blocks.width(), blocks.height(), 1);
-  for (int y = 0; y < picture.height(); ++y)
-    for (int x = 0; x < picture.width(); ++x) {
-      counts.at(x / block, y / block) += 1;
-      for (int c = 0; c < picture.channels(); ++c) {
-        const float v = picture.at(x, y, c) / 65535.0f;
-        blocks.at(x / block, y / block, c) += v * v;
+  const int block = std::max(1, (picture.width() + 19) / 20), channels = picture.channels();
+  Image blocks((picture.width() + block - 1) / block, (picture.height() + block - 1) / block, channels);
+  parallel_for(blocks.height(), [&](int by) {
+    const int rows = std::min(block, picture.height() - by * block);
+    for (int bx = 0; bx < blocks.width(); ++bx) {
+      const int columns = std::min(block, picture.width() - bx * block);
+      float sum[3] = {0, 0, 0};
+      for (int y = by * block; y < by * block + rows; ++y) {
+        const std::uint16_t* p = picture.row(y) + static_cast<std::size_t>(bx) * block * channels;
+        for (int x = 0; x < columns; ++x, p += channels)
+          for (int c = 0; c < channels; ++c) {
+            const float v = p[c] / 65535.0f;
+            sum[c] += v * v;
+          }
       }
+      for (int c = 0; c < channels; ++c) blocks.at(bx, by, c) = sum[c] / static_cast<float>(rows * columns);
     }
-  for (int y = 0; y < blocks.height(); ++y)
-    for (int x = 0; x < blocks.width(); ++x)
-      for (int c = 0; c < blocks.channels(); ++c) blocks.at(x, y, c) /= counts.at(x, y);
+  });
   return blocks;
 }
 

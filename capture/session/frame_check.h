@@ -12,7 +12,7 @@ namespace countershade::capture {
 // One exposure, binned. light: (height / bin, width / bin, 1), mean over pixels and channels, linear, 1 = full scale.
 struct Bins {
   Image light;
-  Image colour;          // the same per channel: a change of hue alone is a change
+  Image colour;          // the same per channel: a change of hue alone is a change; empty where bins are pixels
   Mask valid;            // 0 where a bin holds a saturated value
   double brightest = 0;  // largest value, fraction of full scale above the pedestal (stored, not linearised)
   double saturated = 0;  // share of pixels with a saturated channel

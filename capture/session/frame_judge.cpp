@@ -119,7 +119,7 @@ Result<std::string> FrameJudge::wrong_pair(int f, const Pixels& pixels, const St
     CS_TRY(const Bins white, stored_pixels(with.white, c));
     CS_TRY(const Bins black, stored_pixels(with.black, c));
     CS_TRY(const Bins inverse, stored_pixels(with.inverse, c));
-    const Bins now = pixels(c);
+    const Bins& now = pixels(c);
     if (now.light.empty() || white.light.empty() || black.light.empty() || inverse.light.empty()) continue;
     const double swing = mean_difference(*kept_[with.white][c], *kept_[with.black][c]);
     if (swing < 10 * noise(c, *kept_[with.white][c]) || swing < 0.001) continue;  // it does not see that projector
@@ -143,7 +143,7 @@ std::string FrameJudge::repeats(int f, const Pixels& pixels) const {
   for (std::size_t c = 0; c < cameras(); ++c) {
     const auto swing = response(c, sequence_.frames[f].role.projector);
     if (!swing || seen_pixels_[c].light.empty()) continue;
-    const Bins now = pixels(c);
+    const Bins& now = pixels(c);
     if (now.light.empty()) continue;
     const double noise = pixel_noise(c, seen_.views[c]), change = mean_difference(now, seen_pixels_[c]);
     if (0.05 * *swing > 2 * noise && change < 0.05 * *swing + noise)

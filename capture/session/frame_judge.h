@@ -60,7 +60,7 @@ class FrameJudge {
   // Why the photos cannot be of the pictures with these blocks; empty when they can.
   std::string stale(const std::vector<Image>& blocks, const Views& now) const;
   // New photos in single pixels, by camera; empty where that is stored already.
-  using Pixels = std::function<Bins(std::size_t camera)>;
+  using Pixels = std::function<const Bins&(std::size_t camera)>;
   // Why the photos of a sinusoid cannot be new ones; empty when they can.
   std::string repeats(int f, const Pixels& pixels) const;
   // Why a frame and its inverse cannot both be right; empty when they can. stored_pixels: a kept photo in single

@@ -51,7 +51,8 @@ class Capture {
   Result<void> take_all();
   Result<void> take_frame(int f);
   Result<void> accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
-                      int attempt);
+                      const FrameJudge::Pixels& pixels, int attempt);
+  Result<void> show_next(int f);
   Result<void> retake(int f);
   Result<bool> answers(const std::vector<Image>& blocks, const Pictures& pictures, const Views& now);
   Result<Bins> stored_pixels(int f, std::size_t c) const;
@@ -69,6 +70,8 @@ class Capture {
   Progress& progress_;
   std::vector<Wanted> have_;   // [frame][camera][exposure]
   bool contradicted_ = false;  // a frame was given up since it and another one do not add up
+  std::optional<int> ahead_;   // frame that is shown already
+  Pictures ahead_pictures_;
   FrameJudge judge_;
   Stage stage_;
 };
@@ -208,20 +211,26 @@ Result<void> Capture::retake(int f) {
 }
 
 Result<void> Capture::take_frame(int f) {
-  CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[f]));
+  const bool shown = ahead_ == f;  // already
+  CS_TRY(const Pictures pictures, shown ? std::move(ahead_pictures_) : stage_.pictures_of(sequence_.frames[f]));
+  ahead_.reset();
   const std::vector<Image> blocks = blocks_of(pictures);
   for (int attempt = 0, shows = stage_.shows();; ++attempt) {
-    CS_TRY_VOID(stage_.show_for_photo(pictures, shows, attempt));
+    CS_TRY_VOID(shown && attempt == 0 ? stage_.await_photo() : stage_.show_for_photo(pictures, shows, attempt));
     CS_TRY(const std::vector<Shot> shots, stage_.photograph(wanted(f, false)));
     const Views now = bins_of(f, shots);
-    const auto pixels = [&](std::size_t c) { return judge_.pixels_of(shots[c].stored[0], c); };
+    std::vector<std::optional<Bins>> in_pixels(shots.size());
+    const auto pixels = [&](std::size_t c) -> const Bins& {
+      if (!in_pixels[c]) in_pixels[c] = judge_.pixels_of(shots[c].stored[0], c);
+      return *in_pixels[c];
+    };
     std::string why = judge_.stale(blocks, now);
     if (why.empty()) why = judge_.repeats(f, pixels);
     const bool is_stale = !why.empty();
     if (!is_stale) {
       CS_TRY(why, judge_.wrong_pair(f, pixels, [this](int g, std::size_t c) { return stored_pixels(g, c); }));
     }
-    if (why.empty()) return accept(f, blocks, now, shots, attempt);
+    if (why.empty()) return accept(f, blocks, now, shots, pixels, attempt);
     if (is_stale && attempt == options_.retakes) {
       CS_TRY(const bool seen, answers(blocks, pictures, now));
       if (seen) {
@@ -230,7 +239,7 @@ Result<void> Capture::take_frame(int f) {
                         "falls beside what "
                         "the cameras see",
                         judge_.name_of(f)));
-        return accept(f, blocks, now, shots, 0);
+        return accept(f, blocks, now, shots, pixels, 0);
       }
     }
     contradicted_ = attempt >= options_.retakes && !is_stale;
@@ -269,15 +278,26 @@ Result<bool> Capture::answers(const std::vector<Image>& blocks, const Pictures& 
   return all;
 }
 
+// Shows the frame after f that is missing, so that it is on its way while f is stored.
+Result<void> Capture::show_next(int f) {
+  int next = f + 1;
+  while (next < frames() && complete(next)) ++next;
+  if (next == frames() || stage_.shows() > 1) return {};
+  CS_TRY(ahead_pictures_, stage_.pictures_of(sequence_.frames[next]));
+  ahead_ = next;
+  return stage_.show_ahead(ahead_pictures_);
+}
+
 // Stores a frame; when it came late, the next ones are shown as often before they are photographed.
 Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
-                             int attempt) {
+                             const FrameJudge::Pixels& pixels, int attempt) {
+  if (attempt == 0) CS_TRY_VOID(show_next(f));
   CS_TRY_VOID(store(f, shots));
   judge_.saw({blocks, now});
-  Views pixels;
+  Views in_pixels;
   if (f + 1 < frames() && sequence_.frames[f + 1].role.kind == "phase")
-    for (std::size_t c = 0; c < stage_.cameras().size(); ++c) pixels.push_back(judge_.pixels_of(shots[c].stored[0], c));
-  judge_.saw_pixels(std::move(pixels));
+    for (std::size_t c = 0; c < stage_.cameras().size(); ++c) in_pixels.push_back(pixels(c));
+  judge_.saw_pixels(std::move(in_pixels));
   stage_.came_late(attempt);
   return {};
 }
@@ -294,7 +314,7 @@ Result<std::string> Capture::moved(int f, std::vector<Shot> now) {
       CS_TRY(why, shifted(f, now, shake_px));
     }
     if (why.empty() || photo == kShakePhotos) return why;
-    CS_TRY(std::vector<Shot> next, stage_.look_again());
+    CS_TRY(std::vector<Shot> next, stage_.look());
     for (std::size_t c = 0; c < next.size(); ++c) {
       shake = std::max(shake, change_of_view(now[c].bins, next[c].bins).first);
       shake_px = std::max(shake_px,
@@ -331,7 +351,8 @@ Result<std::string> Capture::view_changed() {
     const auto first = std::find_if(telling.begin(), telling.end(), of_this);
     if (first == telling.end()) continue;
     CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[*first]));
-    CS_TRY(std::vector<Shot> now, stage_.look(pictures));
+    CS_TRY_VOID(stage_.show_for_photo(pictures, stage_.shows(), 1));
+    CS_TRY(std::vector<Shot> now, stage_.look());
     CS_TRY(const std::string why, moved(*first, std::move(now)));
     if (!why.empty()) return why;
   }

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "calib/base/parallel.h"
+
 namespace countershade::capture {
 
 namespace {
@@ -65,11 +67,20 @@ Views views_of(const std::vector<Shot>& shots) {
   return views;
 }
 
-Result<void> Stage::show(const Pictures& pictures, double wait_ms) {
+Result<void> Stage::hand_over(const Pictures& pictures) {
   for (std::size_t p = 0; p < projectors_.size(); ++p) CS_TRY_VOID(projectors_[p]->hand_over(pictures[p]));
+  return {};
+}
+
+Result<void> Stage::wait_until_taken(double wait_ms) {
   devices_.wait(wait_ms);
   for (Projector* projector : projectors_) CS_TRY_VOID(projector->taken());
   return {};
+}
+
+Result<void> Stage::show(const Pictures& pictures, double wait_ms) {
+  CS_TRY_VOID(hand_over(pictures));
+  return wait_until_taken(wait_ms);
 }
 
 Result<void> Stage::show_for_photo(const Pictures& pictures, int shows, int late) {
@@ -77,14 +88,31 @@ Result<void> Stage::show_for_photo(const Pictures& pictures, int shows, int late
   return show(pictures, lateness_.wait_ms + late * options_.retake_wait_ms);
 }
 
+Result<void> Stage::show_ahead(const Pictures& pictures) {
+  CS_TRY_VOID(hand_over(pictures));
+  ahead_since_ = std::chrono::steady_clock::now();
+  return {};
+}
+
+Result<void> Stage::await_photo() {
+  const std::chrono::duration<double, std::milli> passed = std::chrono::steady_clock::now() - ahead_since_;
+  // On a clock of their own no time has passed for the devices.
+  return wait_until_taken(std::max(0.0, lateness_.wait_ms - (devices_.clock ? 0 : passed.count())));
+}
+
 // Stored numbers of one exposure, scaled to 16 bits where the rig does not say what full scale is.
 Result<Exposure> Stage::expose(const CameraSlot& camera, std::size_t e) {
   if (camera.exposures.size() > 1) CS_TRY_VOID(camera.device->arm(camera.exposures[e]));
   CS_TRY(Exposure exposure, camera.device->trigger());
   lost_ += exposure.lost;
-  if (!camera.spec->full_scale && exposure.full_scale != 65535)
-    for (float& v : exposure.values.data()) v = static_cast<float>(v * 65535.0 / exposure.full_scale);
-  for (float& v : exposure.values.data()) v = std::round(std::clamp(v, 0.0f, 65535.0f));
+  const bool scaled = !camera.spec->full_scale && exposure.full_scale != 65535;
+  const auto scale = static_cast<float>(scaled ? 65535 / exposure.full_scale : 1);
+  const int values = exposure.values.width() * exposure.values.channels();
+  parallel_for(exposure.values.height(), [&](int y) {
+    float* row = exposure.values.row(y);  // to whole numbers, by instructions that work on many at once
+    for (int i = 0; i < values; ++i)
+      row[i] = static_cast<float>(static_cast<int>(std::clamp(row[i] * scale, 0.0f, 65535.0f) + 0.5f));
+  });
   return exposure;
 }
 
@@ -117,20 +145,11 @@ Wanted Stage::first_exposures() const {
   return first;
 }
 
-Result<void> Stage::show_until_seen(const Pictures& pictures) {
+Result<std::vector<Shot>> Stage::settle(const Pictures& pictures) {
   for (int i = 0; i <= options_.retakes; ++i) CS_TRY_VOID(show(pictures, options_.retake_wait_ms));
   devices_.wait((12 - options_.retakes - 1) * options_.retake_wait_ms);
-  return {};
-}
-
-Result<std::vector<Shot>> Stage::look(const Pictures& pictures) {
-  CS_TRY_VOID(show_until_seen(pictures));
-  return look_again();
-}
-
-Result<std::vector<Shot>> Stage::settle(const Pictures& pictures) {
-  CS_TRY(const std::vector<Shot> one, look(pictures));
-  CS_TRY(std::vector<Shot> two, look_again());
+  CS_TRY(const std::vector<Shot> one, look());
+  CS_TRY(std::vector<Shot> two, look());
   for (std::size_t c = 0; c < cameras_.size(); ++c)
     judge_.learn_noise(c, one[c].bins, two[c].bins, judge_.pixels_of(one[c].stored[0], c),
                        judge_.pixels_of(two[c].stored[0], c));
@@ -150,7 +169,7 @@ Result<Stage::Arrival> Stage::wait_for(const Pictures& pictures, int shows, doub
   Arrival arrival;
   while (photos.size() < 2 ||
          (photos.size() < kMostPhotos && photos.back().from_ms - photos.front().from_ms < kLongestLatencyMs)) {
-    CS_TRY(const std::vector<Shot> shots, look_again());
+    CS_TRY(const std::vector<Shot> shots, look());
     Views now = views_of(shots);
     arrival.seen = judge_.any_change(now);
     const bool settled = arrival.seen && !views.empty() && !judge_.differ(views.back(), now);
@@ -184,8 +203,8 @@ Result<void> Stage::count_shows(const Pictures& pictures) {
 }
 
 // By steps at moments that are spread between two refreshes. Where the picture is there in each of the first ones as
-// soon as the display has taken it, there is nothing to wait for. Else the next ones are photographed so that the
-// change falls into the exposure, which times it to a part of a millisecond.
+// soon as the display has taken it, there is nothing to wait for. From the first that is not the next ones are
+// photographed so that the change falls into the exposure, which times it to a part of a millisecond.
 Result<void> Stage::measure_latency(const Pictures& pictures, const Pictures& former) {
   if (options_.lateness != nullptr && options_.lateness->shows > 0) {
     lateness_ = *options_.lateness;
@@ -194,7 +213,7 @@ Result<void> Stage::measure_latency(const Pictures& pictures, const Pictures& fo
   CS_TRY_VOID(count_shows(pictures));
   bool there = true;
   const auto step = [&](int trial, double wait_ms) -> Result<Arrival> {
-    devices_.wait(trial * kStaggerMs);
+    devices_.wait(std::fmod(trial * kStaggerMs, devices_.refresh_ms()));
     const Pictures& next = there ? former : pictures;
     CS_TRY(Arrival arrival, wait_for(next, lateness_.shows, wait_ms));
     if (arrival.seen) judge_.saw({blocks_of(next), arrival.settled});
@@ -202,9 +221,9 @@ Result<void> Stage::measure_latency(const Pictures& pictures, const Pictures& fo
     return arrival;
   };
   double latest_ms = 0;
-  for (int trial = 1; trial <= kTrials; ++trial) {
+  for (int trial = 1; trial <= kTrials && latest_ms == 0; ++trial) {
     CS_TRY(const Arrival arrival, step(trial, 0));
-    latest_ms = std::max(latest_ms, arrival.appeared.latest_ms);
+    latest_ms = arrival.appeared.latest_ms;
   }
   if (latest_ms == 0) return {};
   const double refresh_ms = devices_.refresh_ms();

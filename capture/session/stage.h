@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <chrono>
 #include <vector>
 
 #include "calib/base/progress.h"
@@ -50,13 +51,14 @@ class Stage {
   Result<void> show(const Pictures& pictures, double wait_ms);
   // As a frame is shown before its photo: as often and as long before as the display is late; `late` times later yet.
   Result<void> show_for_photo(const Pictures& pictures, int shows, int late);
+  // The same in two halves, for a frame that is shown once: between them there is time for other work.
+  Result<void> show_ahead(const Pictures& pictures);
+  Result<void> await_photo();
   Result<std::vector<Shot>> photograph(const Wanted& wanted);
-  // Shows so often and so long before that no latency is left; photographs once, or twice to learn the noise. First
-  // exposures only.
-  Result<std::vector<Shot>> look(const Pictures& pictures);
+  // Photographs what is shown; first exposures only.
+  Result<std::vector<Shot>> look() { return photograph(first_exposures()); }
+  // Shows so often and so long before that no latency is left, and looks twice to learn the noise.
   Result<std::vector<Shot>> settle(const Pictures& pictures);
-  // Photographs once more what is shown.
-  Result<std::vector<Shot>> look_again() { return photograph(first_exposures()); }
 
   // How late the display is, by steps between these pictures; `former` is what is seen when it is called.
   Result<void> measure_latency(const Pictures& pictures, const Pictures& former);
@@ -73,9 +75,10 @@ class Stage {
     double exposure_ms = 0;
     Views settled;
   };
+  Result<void> hand_over(const Pictures& pictures);
+  Result<void> wait_until_taken(double wait_ms);
   Result<Exposure> expose(const CameraSlot& camera, std::size_t e);
   Wanted first_exposures() const;
-  Result<void> show_until_seen(const Pictures& pictures);
   Result<Arrival> wait_for(const Pictures& pictures, int shows, double wait_ms);
   Result<void> count_shows(const Pictures& pictures);
 
@@ -91,6 +94,7 @@ class Stage {
   Lateness lateness_{1, 0};
   bool late_ = false;  // the former frame came late
   int lost_ = 0;
+  std::chrono::steady_clock::time_point ahead_since_;  // when pictures were shown ahead
 };
 
 }  // namespace countershade::capture

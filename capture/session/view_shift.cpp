@@ -76,8 +76,7 @@ double view_shift_px(const Bins& a, const Bins& b) {
   const int width = (a.light.width() + kTilesX - 1) / kTilesX, height = (a.light.height() + kTilesY - 1) / kTilesY;
   double shift = 0;
   for (int y = 0; y < a.light.height(); y += height)
-    for (int x = 0; x < a.light.width(); x += width)
-      shift = std::max(shift, tile_shift(pair, {x, y, width, height}));
+    for (int x = 0; x < a.light.width(); x += width) shift = std::max(shift, tile_shift(pair, {x, y, width, height}));
   return shift;
 }
 

@@ -12,14 +12,16 @@ namespace {
 constexpr int kWidth = 300, kHeight = 190;
 
 struct Scene {
-  double dx = 0, dy = 0;     // of all that the camera sees
-  double corner_dx = 0;      // of what it sees left above alone: somebody leant on that projector
+  double dx = 0, dy = 0;      // of all that the camera sees
+  double corner_dx = 0;       // of what it sees left above alone: somebody leant on that projector
   double gain = 1, lamp = 0;  // of all; light that a lamp adds, more on the right
   double full_well_e = 10000;
   bool edges = true;  // of the lit rectangle; without them there is only a slow slope
 };
 
-double step(double x) { return 0.5 + 0.5 * std::erf(x / (std::sqrt(2.0) * 0.8)); }  // as blurred as a lens does
+double step(double x) {
+  return 0.5 + 0.5 * std::erf(x / (std::sqrt(2.0) * 0.8));
+}  // as blurred as a lens does
 
 // A lit rectangle with a seam in it, on a dark wall: what white of one projector looks like.
 Bins photo(const Scene& scene, std::uint64_t seed) {
@@ -32,11 +34,10 @@ Bins photo(const Scene& scene, std::uint64_t seed) {
     for (int u = 0; u < kWidth; ++u) {
       const bool corner = u < kWidth / 3 && v < kHeight / 2;
       const double x = u - scene.dx - (corner ? scene.corner_dx : 0), y = v - scene.dy;
-      const double lit = scene.edges ? step(x - 31.3) * step(251.7 - x) * step(y - 22.6 - 0.1 * x) *
-                                           step(171.2 - y) * (1 - 0.3 * step(x - 170.4))
+      const double lit = scene.edges ? step(x - 31.3) * step(251.7 - x) * step(y - 22.6 - 0.1 * x) * step(171.2 - y) *
+                                           (1 - 0.3 * step(x - 170.4))
                                      : 1;
-      const double light =
-          scene.gain * (0.02 + 0.5 * lit * (0.8 + 0.001 * x)) + scene.lamp * (1 + 0.5 * u / kWidth);
+      const double light = scene.gain * (0.02 + 0.5 * lit * (0.8 + 0.001 * x)) + scene.lamp * (1 + 0.5 * u / kWidth);
       photo.light.at(u, v) =
           static_cast<float>(light + random.normal() * std::sqrt(light * scene.full_well_e + 25) / scene.full_well_e);
     }
