@@ -268,6 +268,7 @@ Result<void> Look::sharpness(Inspection& to) {
       }
       // Over squares of some stripes: the mean difference of both, and whether they add up.
       const int side = std::max(8, white_.width() / 120);
+      const double least = 0.25 * side * side * mean_of(white_);
       std::vector<double> left, sums;
       for (int y = 0; y + side <= white_.height(); y += side)
         for (int x = 0; x + side <= white_.width(); x += side) {
@@ -278,7 +279,7 @@ Result<void> Look::sharpness(Inspection& to) {
               whole += alone.light.at(i, j) - black_.at(i, j);
               sum += light[0].at(i, j) + light[1].at(i, j) - 2 * black_.at(i, j);
             }
-          if (whole < 0.25 * side * side * mean_of(white_)) continue;
+          if (whole < least) continue;
           const double m = std::min(1.0, difference / whole);
           left.push_back(m), sums.push_back(sum / whole);
           if (cell != kFine) continue;
