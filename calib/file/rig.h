@@ -13,10 +13,12 @@ namespace countershade {
 
 struct CameraSpec {
   std::string id;
-  std::string backend = "folder";  // folder | simulated | aravis | v4l2 (libcamera is refused by name until built)
-  std::string device;              // what the backend opens: a folder's path; of aravis serial number, address or name
-  std::filesystem::path model;     // .cameramodel, resolved against the rig's folder; empty = none
-  std::string pose = "unknown";    // unknown | known (then the model's extrinsics count)
+  // folder | simulated | aravis | v4l2 | command (libcamera is refused by name until built)
+  std::string backend = "folder";
+  // What the backend opens: a folder's path; of aravis serial number, address or name; of command what takes a photo.
+  std::string device;
+  std::filesystem::path model;       // .cameramodel, resolved against the rig's folder; empty = none
+  std::string pose = "unknown";      // unknown | known (then the model's extrinsics count)
   std::vector<double> exposures_ms;  // empty = the backend's default
   std::string response = "linear";
   double pedestal = 0;               // stored value of no light

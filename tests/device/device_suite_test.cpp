@@ -11,6 +11,7 @@
 #include "calib/base/check.h"
 #include "calib/image/image_file.h"
 #include "capture/device/aravis.h"
+#include "capture/device/command.h"
 #include "capture/device/folder.h"
 #include "capture/device/v4l2.h"
 #include "simdata/render/simulator.h"
@@ -89,6 +90,15 @@ Bench folders() {
     CS_CHECK(write_stored16(root / fmt::format("photos/{:04}.tif", (*photo)++), e.values).has_value(), "written");
   };
   bench.unplug = [root] { fs::remove_all(root / "photos"); };
+  return bench;
+}
+
+// The same camera behind a command that takes a photo when it is told to.
+Bench commanded() {
+  Bench bench = folders();
+  const fs::path root = bench.folder->path();
+  bench.devices.cameras[0] =
+      *capture::open_command_camera("camera", fmt::format("mv \"$(ls {0}/photos/*.tif)\" {{file}}.tif", root.string()));
   return bench;
 }
 
@@ -184,8 +194,8 @@ struct Backend {
 void PrintTo(const Backend& backend, std::ostream* to) {
   *to << backend.name;
 }
-const Backend kBackends[] = {
-    {"Simulated", simulated}, {"Folder", folders}, {"Gige", gige}, {"Webcam", webcam}, {"Usb3", usb3}};
+const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Command", commanded},
+                             {"Gige", gige},           {"Webcam", webcam},  {"Usb3", usb3}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {
  protected:

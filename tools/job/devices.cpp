@@ -5,6 +5,7 @@
 
 #include "calib/photometry/response.h"
 #include "capture/device/aravis.h"
+#include "capture/device/command.h"
 #include "capture/device/v4l2.h"
 #include "capture/device/window.h"
 
@@ -20,7 +21,7 @@ Result<void> check_real(const Rig& rig) {
                    "camera '{}' is simulated, another one of the rig is not: none would see the other's light; state "
                    "one backend for all",
                    camera.id);
-    if (camera.backend != "aravis" && camera.backend != "v4l2")
+    if (camera.backend == "folder")
       return error(ErrorCode::kDevice,
                    "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
                    "`countershade patterns` writes by hand and use `countershade import`",
@@ -40,8 +41,9 @@ Result<capture::Devices> open_real(const Rig& rig) {
   CS_TRY_VOID(check_real(rig));
   capture::Devices devices;
   for (const CameraSpec& camera : rig.cameras) {
-    CS_TRY(auto opened, camera.backend == "v4l2" ? capture::open_v4l2_camera(camera.id, camera.device)
-                                                 : capture::open_aravis_camera(camera.id, camera.device));
+    CS_TRY(auto opened, camera.backend == "v4l2"      ? capture::open_v4l2_camera(camera.id, camera.device)
+                        : camera.backend == "command" ? capture::open_command_camera(camera.id, camera.device)
+                                                      : capture::open_aravis_camera(camera.id, camera.device));
     devices.cameras.push_back(std::move(opened));
   }
   int left = 0;  // of windows that have no monitor

@@ -17,8 +17,8 @@ struct OpenDevices {
   std::shared_ptr<const simdata::Simulator> simulator;  // null for real devices
 };
 
-// Simulated cameras see simulated projectors; cameras of backend aravis or v4l2 see projectors whose output is a window
-// (opened from the main thread). samples: instead of the [simulation]'s. `simulation_file` is a rig.toml or
+// Simulated cameras see simulated projectors; those of other backends but folder see projectors whose output is a
+// window (opened from the main thread). samples: instead of the [simulation]'s. `simulation_file` is a rig.toml or
 // simulation.toml; it is read only if the rig is simulated. Errors: kDevice; kBadValue: no [simulation] for a simulated
 // rig, backends or outputs that do not see each other (nothing is opened then).
 Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,

@@ -58,6 +58,7 @@ struct Sweep {
 
 const std::vector<Sweep>& sweeps();
 std::vector<Sweep> decode_sweeps();  // those of them that are judged by decoding
+std::vector<Sweep> light_sweeps();   // those of what happens while photos are taken
 
 // All points of a sweep on the documentation's two-wall room with fewer pixels. Scratch files: output/NAME/.
 // Errors: those of the harness (disk, impossible room); what the program refuses is a point like any other.

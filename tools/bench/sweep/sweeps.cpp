@@ -360,6 +360,7 @@ const std::vector<Sweep>& sweeps() {
   static const std::vector<Sweep> all = [] {
     std::vector<Sweep> list = {noise(), glare(), gamma(), geometry(), frames(), rooms()};
     for (Sweep& s : decode_sweeps()) list.push_back(std::move(s));
+    for (Sweep& s : light_sweeps()) list.push_back(std::move(s));
     return list;
   }();
   return all;
