@@ -144,7 +144,19 @@ std::optional<PixelFormat> best_format(const std::vector<std::string>& offered) 
   return std::nullopt;
 }
 
-Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes, int width, int height) {
+Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes, int width, int height,
+                     std::size_t stride) {
+  if (const std::size_t row = width > 0 && height > 0 ? format.bytes(width, 1) : 0; row > 0 && stride > row) {
+    if (bytes.size() < stride * (height - 1) + row)
+      return error(ErrorCode::kDevice, "a picture of {} rows of {} bytes, {} apart, came with {} bytes", height, row,
+                   stride, bytes.size());
+    std::vector<std::byte> rows;
+    for (int y = 0; y < height; ++y) {
+      const std::span<const std::byte> one = bytes.subspan(y * stride, row);
+      rows.insert(rows.end(), one.begin(), one.end());
+    }
+    return unpack(format, rows, width, height);
+  }
   if (width <= 0 || height <= 0 || bytes.size() < format.bytes(width, height))
     return error(ErrorCode::kDevice, "a picture of {} x {} pixels in {} has {} bytes, {} came", width, height,
                  format.name, width > 0 && height > 0 ? format.bytes(width, height) : 0, bytes.size());

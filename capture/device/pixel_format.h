@@ -48,9 +48,11 @@ std::optional<PixelFormat> pixel_format(std::uint32_t code);
 std::optional<PixelFormat> best_format(const std::vector<std::string>& offered);
 
 // Stored numbers (height, width, 1 or 3), 0 to full_scale(); a mosaic is interpolated (calib/image/demosaic.h).
-// Error: kDevice when there are fewer bytes than the picture has (names both), a size is not positive, or a JPEG file
-// cannot be read or has another size.
-Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes, int width, int height);
+// `stride`: bytes from one row to the next; 0 = rows follow one another without a gap. Error: kDevice when there are
+// fewer bytes than the picture has (names both), a size is not positive, or a JPEG file cannot be read or has another
+// size.
+Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes, int width, int height,
+                     std::size_t stride = 0);
 
 // Share of the pixels of which a channel is at full scale.
 double saturated_share(const Image& values, double full_scale);

@@ -1,12 +1,9 @@
 #include "capture/device/v4l2.h"
 
 #ifdef __linux__
-#include <fcntl.h>
 #include <linux/videodev2.h>
 #include <poll.h>
-#include <sys/ioctl.h>
 #include <sys/mman.h>
-#include <unistd.h>
 #endif
 
 #include <algorithm>
@@ -20,6 +17,7 @@
 #include "calib/base/check.h"
 #include "capture/device/photo_clock.h"
 #include "capture/device/pixel_format.h"
+#include "capture/device/v4l2_node.h"
 
 namespace countershade::capture {
 
@@ -68,36 +66,11 @@ std::string spelled(std::uint32_t fourcc) {
   return text;
 }
 
-// An ioctl that a signal does not end; 0, or the error number.
-template <class Argument>
-int call(int file, unsigned long request, Argument* argument) {
-  while (::ioctl(file, request, argument) != 0)
-    if (errno != EINTR) return errno;
-  return 0;
-}
-
 double monotonic_s() {
   timespec now{};
   clock_gettime(CLOCK_MONOTONIC, &now);
   return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
-
-class File {
- public:
-  explicit File(int number = -1) : number_(number) {}
-  File(File&& other) noexcept : number_(std::exchange(other.number_, -1)) {}
-  File& operator=(File&& other) noexcept {
-    std::swap(number_, other.number_);
-    return *this;
-  }
-  ~File() {
-    if (number_ >= 0) ::close(number_);
-  }
-  int get() const { return number_; }
-
- private:
-  int number_;
-};
 
 struct Mapping {
   void* start = MAP_FAILED;
@@ -110,63 +83,45 @@ struct Mapping {
   }
 };
 
-std::vector<std::uint32_t> offered_formats(int file) {
+std::vector<std::uint32_t> offered_formats(const V4l2Node& node) {
   std::vector<std::uint32_t> all;
   v4l2_fmtdesc format{};
   format.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  for (format.index = 0; call(file, VIDIOC_ENUM_FMT, &format) == 0; ++format.index) all.push_back(format.pixelformat);
+  for (format.index = 0; node.call(VIDIOC_ENUM_FMT, &format) == 0; ++format.index) all.push_back(format.pixelformat);
   return all;
-}
-
-// What hinders an open, and the remedy.
-std::string hindrance_of(const std::string& node, int number) {
-  if (number == EACCES || number == EPERM)
-    return fmt::format(
-        "'{}' may not be opened: add yourself to the group `video` (sudo usermod -aG video $USER), then "
-        "log in again",
-        node);
-  if (number == EBUSY) return fmt::format("'{}' is in use by another program: close it", node);
-  return fmt::format("'{}' cannot be opened: {}", node, std::strerror(number));
 }
 
 struct Found {
   V4l2Camera camera;
-  File file;
+  V4l2Node node;
 };
 
 // Nodes that stream pictures, or that may not be asked whether they do.
 std::vector<Found> found_cameras() {
-  std::vector<std::string> nodes;
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator("/dev", ignored))
-    if (entry.path().filename().string().starts_with("video")) nodes.push_back(entry.path().string());
-  std::sort(nodes.begin(), nodes.end(), [](const std::string& a, const std::string& b) {
-    return a.size() != b.size() ? a.size() < b.size() : a < b;
-  });
   std::vector<Found> all;
-  for (const std::string& node : nodes) {
-    File file(::open(node.c_str(), O_RDWR | O_NONBLOCK | O_CLOEXEC));
-    if (file.get() < 0) {
+  for (const std::string& path : device_files("/dev/video")) {
+    V4l2Node node(path);
+    if (!node.is_open()) {
       if (errno != ENODEV && errno != ENXIO)
-        all.push_back({{node, "a video device", "", {}, hindrance_of(node, errno)}, File()});
+        all.push_back({{path, "a video device", "", {}, hindrance_of(path, errno)}, V4l2Node()});
       continue;
     }
     v4l2_capability what{};
-    if (call(file.get(), VIDIOC_QUERYCAP, &what) != 0) continue;
+    if (node.call(VIDIOC_QUERYCAP, &what) != 0) continue;
     const std::uint32_t able = what.capabilities & V4L2_CAP_DEVICE_CAPS ? what.device_caps : what.capabilities;
     if (!(able & V4L2_CAP_VIDEO_CAPTURE) || !(able & V4L2_CAP_STREAMING)) continue;
     V4l2Camera camera{
-        node, reinterpret_cast<const char*>(what.card), reinterpret_cast<const char*>(what.bus_info), {}, ""};
-    for (const std::uint32_t format : offered_formats(file.get())) camera.formats.push_back(spelled(format));
-    all.push_back({std::move(camera), std::move(file)});
+        path, reinterpret_cast<const char*>(what.card), reinterpret_cast<const char*>(what.bus_info), {}, ""};
+    for (const std::uint32_t format : offered_formats(node)) camera.formats.push_back(spelled(format));
+    all.push_back({std::move(camera), std::move(node)});
   }
   return all;
 }
 
 class OpenCamera final : public Camera {
  public:
-  OpenCamera(std::string id, File file, const V4l2Options& options)
-      : id_(std::move(id)), options_(options), file_(std::move(file)) {}
+  OpenCamera(std::string id, V4l2Node node, const V4l2Options& options)
+      : id_(std::move(id)), options_(options), node_(std::move(node)) {}
   ~OpenCamera() override { stop(); }
 
   const std::string& id() const override { return id_; }
@@ -175,17 +130,9 @@ class OpenCamera final : public Camera {
   Result<Exposure> trigger() override;
 
  private:
-  Error failed(const std::string& what, int number) {
-    if (number == ENODEV) return is_gone();
-    return error(ErrorCode::kDevice, "camera '{}': {}: {}", id_, what,
-                 number == EBUSY ? "another program has it; close it" : std::strerror(number));
-  }
-  Error is_gone() const { return error(ErrorCode::kDevice, "camera '{}' is gone; is it plugged in and powered?", id_); }
+  Error failed(const std::string& what, int number) const { return v4l2_error(id_, what, number); }
   Result<void> choose_format();
   std::array<std::uint32_t, 2> largest_size(std::uint32_t fourcc) const;
-  std::optional<v4l2_queryctrl> control(std::uint32_t what) const;
-  Result<void> hold(std::uint32_t what, int value);
-  std::optional<int> read_back(std::uint32_t what) const;
   Result<void> set_exposure(double exposure_ms);
   Result<void> start();
   void stop();
@@ -196,7 +143,7 @@ class OpenCamera final : public Camera {
 
   std::string id_;
   V4l2Options options_;
-  File file_;
+  V4l2Node node_;
   v4l2_pix_format picture_{};
   PixelFormat format_;
   std::vector<Mapping> buffers_;
@@ -214,7 +161,7 @@ std::array<std::uint32_t, 2> OpenCamera::largest_size(std::uint32_t fourcc) cons
   std::array<std::uint32_t, 2> largest{0, 0};
   v4l2_frmsizeenum size{};
   size.pixel_format = fourcc;
-  for (size.index = 0; call(file_.get(), VIDIOC_ENUM_FRAMESIZES, &size) == 0; ++size.index) {
+  for (size.index = 0; node_.call(VIDIOC_ENUM_FRAMESIZES, &size) == 0; ++size.index) {
     const bool discrete = size.type == V4L2_FRMSIZE_TYPE_DISCRETE;
     const std::array<std::uint32_t, 2> one{discrete ? size.discrete.width : size.stepwise.max_width,
                                            discrete ? size.discrete.height : size.stepwise.max_height};
@@ -226,7 +173,7 @@ std::array<std::uint32_t, 2> OpenCamera::largest_size(std::uint32_t fourcc) cons
 
 Result<void> OpenCamera::choose_format() {
   std::vector<std::string> known, offered;
-  for (const std::uint32_t fourcc : offered_formats(file_.get())) {
+  for (const std::uint32_t fourcc : offered_formats(node_)) {
     offered.push_back("'" + spelled(fourcc) + "'");
     for (const Name& n : kNames)
       if (n.fourcc == fourcc) known.push_back(n.format);
@@ -242,13 +189,13 @@ Result<void> OpenCamera::choose_format() {
   const std::uint32_t fourcc = std::find_if(std::begin(kNames), std::end(kNames), named)->fourcc;
   v4l2_format wish{};
   wish.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (const int number = call(file_.get(), VIDIOC_G_FMT, &wish); number != 0) return failed("its format", number);
+  if (const int number = node_.call(VIDIOC_G_FMT, &wish); number != 0) return failed("its format", number);
   const std::array<std::uint32_t, 2> size = largest_size(fourcc);
   if (size[0] > 0) wish.fmt.pix.width = size[0], wish.fmt.pix.height = size[1];
   wish.fmt.pix.pixelformat = fourcc;
   wish.fmt.pix.field = V4L2_FIELD_NONE;
   wish.fmt.pix.bytesperline = wish.fmt.pix.sizeimage = 0;
-  if (const int number = call(file_.get(), VIDIOC_S_FMT, &wish); number != 0)
+  if (const int number = node_.call(VIDIOC_S_FMT, &wish); number != 0)
     return failed(fmt::format("format '{}'", spelled(fourcc)), number);
   picture_ = wish.fmt.pix;
   if (picture_.pixelformat != fourcc)
@@ -260,76 +207,23 @@ Result<void> OpenCamera::choose_format() {
   return {};
 }
 
-// None where the camera has no such setting, or none that can be used.
-std::optional<v4l2_queryctrl> OpenCamera::control(std::uint32_t what) const {
-  v4l2_queryctrl query{};
-  query.id = what;
-  if (call(file_.get(), VIDIOC_QUERYCTRL, &query) != 0) return std::nullopt;
-  if (query.flags & (V4L2_CTRL_FLAG_DISABLED | V4L2_CTRL_FLAG_READ_ONLY)) return std::nullopt;
-  return query;
-}
-
-std::optional<int> OpenCamera::read_back(std::uint32_t what) const {
-  v4l2_control value{what, 0};
-  if (call(file_.get(), VIDIOC_G_CTRL, &value) != 0) return std::nullopt;
-  return value.value;
-}
-
-// Sets a value, within the control's bounds, where there is such a control.
-Result<void> OpenCamera::hold(std::uint32_t what, int value) {
-  const auto query = control(what);
-  if (!query) return {};
-  const auto name = reinterpret_cast<const char*>(query->name);
-  v4l2_control wish{what, std::clamp(value, query->minimum, query->maximum)};
-  if (const int number = call(file_.get(), VIDIOC_S_CTRL, &wish); number != 0)
-    return failed(fmt::format("'{}' cannot be set to {}", name, wish.value), number);
-  const auto now = read_back(what);
-  if (now == std::clamp(value, query->minimum, query->maximum)) return {};
-  return error(ErrorCode::kDevice, "camera '{}': '{}' was set to {} and reads back {}; set it by `v4l2-ctl`", id_, name,
-               std::clamp(value, query->minimum, query->maximum), now ? std::to_string(*now) : "nothing");
-}
-
 Result<void> OpenCamera::set_up() {
   CS_TRY_VOID(choose_format());
-  struct Setting {
-    std::uint32_t what;
-    int value;
-  };
-  constexpr Setting kSettings[] = {
-      {V4L2_CID_EXPOSURE_AUTO, V4L2_EXPOSURE_MANUAL},
-      {V4L2_CID_EXPOSURE_AUTO_PRIORITY, 0},  // a frame rate that follows the light
-      {V4L2_CID_AUTOGAIN, 0},
-      {V4L2_CID_ISO_SENSITIVITY_AUTO, V4L2_ISO_SENSITIVITY_MANUAL},
-      {V4L2_CID_AUTO_WHITE_BALANCE, 0},
-      {V4L2_CID_AUTOBRIGHTNESS, 0},
-      {V4L2_CID_HUE_AUTO, 0},
-      {V4L2_CID_FOCUS_AUTO, 0},
-      {V4L2_CID_CHROMA_AGC, 0},
-      {V4L2_CID_WIDE_DYNAMIC_RANGE, 0},
-      {V4L2_CID_IMAGE_STABILIZATION, 0},
-      {V4L2_CID_BACKLIGHT_COMPENSATION, 0},
-      {V4L2_CID_POWER_LINE_FREQUENCY, V4L2_CID_POWER_LINE_FREQUENCY_DISABLED},
-      {V4L2_CID_SHARPNESS, 0},
-  };
-  for (const Setting& s : kSettings) CS_TRY_VOID(hold(s.what, s.value));
-  if (const auto gamma = control(V4L2_CID_GAMMA); gamma && gamma->maximum >= 100)
-    CS_TRY_VOID(hold(V4L2_CID_GAMMA, 100));  // hundredths, of USB cameras
-  return {};
+  return node_.lock(id_);
 }
 
 Result<void> OpenCamera::set_exposure(double exposure_ms) {
-  const auto query = control(V4L2_CID_EXPOSURE_ABSOLUTE);  // tenths of a millisecond
+  const auto query = node_.control(V4L2_CID_EXPOSURE_ABSOLUTE);  // tenths of a millisecond
   if (!query)
     return error(ErrorCode::kUnsupported,
                  "camera '{}' cannot be told its exposure in milliseconds: leave exposures_ms out of the rig, and set "
                  "the exposure by `v4l2-ctl`",
                  id_);
-  if (10 * exposure_ms < query->minimum || 10 * exposure_ms > query->maximum)
+  if (10 * exposure_ms < query->least || 10 * exposure_ms > query->most)
     return error(ErrorCode::kBadValue,
                  "camera '{}': exposures_ms = {} is outside what it can do, {} to {} ms; correct the rig", id_,
-                 exposure_ms, query->minimum / 10.0, query->maximum / 10.0);
-  CS_TRY_VOID(hold(V4L2_CID_EXPOSURE_ABSOLUTE, static_cast<int>(std::lround(10 * exposure_ms))));
-  return {};
+                 exposure_ms, query->least / 10.0, query->most / 10.0);
+  return node_.hold(id_, V4L2_CID_EXPOSURE_ABSOLUTE, static_cast<int>(std::lround(10 * exposure_ms)));
 }
 
 Result<void> OpenCamera::arm(double exposure_ms) {
@@ -337,8 +231,7 @@ Result<void> OpenCamera::arm(double exposure_ms) {
     return error(ErrorCode::kBadValue, "camera '{}': an exposure of {} ms is none; give 0 (the camera's own) or more",
                  id_, exposure_ms);
   if (exposure_ms > 0) CS_TRY_VOID(set_exposure(exposure_ms));
-  const auto tenths = read_back(V4L2_CID_EXPOSURE_ABSOLUTE);
-  const double now = tenths ? *tenths / 10.0 : 0;
+  const double now = node_.exposure_ms().value_or(0);
   if (exposure_ms > 0 && std::abs(now - exposure_ms) > kExposureTolerance * exposure_ms)
     return error(
         ErrorCode::kDevice,
@@ -359,7 +252,7 @@ Result<void> OpenCamera::give(std::uint32_t index) {
   buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
   buffer.memory = V4L2_MEMORY_MMAP;
   buffer.index = index;
-  if (const int number = call(file_.get(), VIDIOC_QBUF, &buffer); number != 0) return failed("a buffer", number);
+  if (const int number = node_.call(VIDIOC_QBUF, &buffer); number != 0) return failed("a buffer", number);
   return {};
 }
 
@@ -368,22 +261,21 @@ Result<void> OpenCamera::start() {
   request.count = kBuffers;
   request.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
   request.memory = V4L2_MEMORY_MMAP;
-  if (const int number = call(file_.get(), VIDIOC_REQBUFS, &request); number != 0)
+  if (const int number = node_.call(VIDIOC_REQBUFS, &request); number != 0)
     return failed("no memory for its pictures", number);
   for (std::uint32_t i = 0; i < request.count; ++i) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     buffer.memory = V4L2_MEMORY_MMAP;
     buffer.index = i;
-    if (const int number = call(file_.get(), VIDIOC_QUERYBUF, &buffer); number != 0) return failed("a buffer", number);
-    void* start = ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, file_.get(), buffer.m.offset);
+    if (const int number = node_.call(VIDIOC_QUERYBUF, &buffer); number != 0) return failed("a buffer", number);
+    void* start = ::mmap(nullptr, buffer.length, PROT_READ, MAP_SHARED, node_.file(), buffer.m.offset);
     if (start == MAP_FAILED) return failed("its memory cannot be mapped", errno);
     buffers_.emplace_back(start, buffer.length);
     CS_TRY_VOID(give(i));
   }
   int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  if (const int number = call(file_.get(), VIDIOC_STREAMON, &type); number != 0)
-    return failed("it does not start", number);
+  if (const int number = node_.call(VIDIOC_STREAMON, &type); number != 0) return failed("it does not start", number);
   streaming_ = true;
   return {};
 }
@@ -391,7 +283,7 @@ Result<void> OpenCamera::start() {
 void OpenCamera::stop() {
   if (!streaming_) return;
   int type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
-  call(file_.get(), VIDIOC_STREAMOFF, &type);
+  node_.call(VIDIOC_STREAMOFF, &type);
   streaming_ = false;
 }
 
@@ -401,7 +293,7 @@ Result<std::optional<v4l2_buffer>> OpenCamera::take(double until_s) {
     v4l2_buffer buffer{};
     buffer.type = V4L2_BUF_TYPE_VIDEO_CAPTURE;
     buffer.memory = V4L2_MEMORY_MMAP;
-    const int number = call(file_.get(), VIDIOC_DQBUF, &buffer);
+    const int number = node_.call(VIDIOC_DQBUF, &buffer);
     if (number == 0) {
       if (buffer.index >= buffers_.size()) return failed("it gives a buffer that it does not have", EPROTO);
       return std::optional(buffer);
@@ -409,9 +301,9 @@ Result<std::optional<v4l2_buffer>> OpenCamera::take(double until_s) {
     if (number != EAGAIN) return failed("no photo", number);
     const double left_s = until_s - monotonic_s();
     if (left_s <= 0) return std::optional<v4l2_buffer>();
-    pollfd wait{file_.get(), POLLIN, 0};
+    pollfd wait{node_.file(), POLLIN, 0};
     ::poll(&wait, 1, static_cast<int>(std::min(1e3 * left_s + 1, 1e4)));
-    if (wait.revents & (POLLERR | POLLNVAL | POLLHUP)) return is_gone();
+    if (wait.revents & (POLLERR | POLLNVAL | POLLHUP)) return failed("no photo", ENODEV);
   }
 }
 
@@ -419,14 +311,7 @@ Result<Image> OpenCamera::read_out(const v4l2_buffer& buffer) const {
   const int width = static_cast<int>(picture_.width), height = static_cast<int>(picture_.height);
   const auto* from = static_cast<const std::byte*>(buffers_[buffer.index].start);
   const std::size_t size = std::min<std::size_t>(buffer.bytesused, buffers_[buffer.index].size);
-  const std::size_t row = format_.bytes(width, 1), stride = picture_.bytesperline;
-  if (row == 0 || stride <= row) return unpack(format_, std::span(from, size), width, height);
-  if (size < stride * (height - 1) + row)
-    return error(ErrorCode::kDevice, "camera '{}': a photo of {} rows of {} bytes came with {} bytes", id_, height,
-                 stride, size);
-  std::vector<std::byte> rows;
-  for (int y = 0; y < height; ++y) rows.insert(rows.end(), from + y * stride, from + y * stride + row);
-  return unpack(format_, rows, width, height);
+  return unpack(format_, std::span(from, size), width, height, picture_.bytesperline);
 }
 
 // One photo that was begun after now; none where it did not come, or not whole.
@@ -528,7 +413,7 @@ Result<std::unique_ptr<Camera>> open_v4l2_camera(const std::string& id, const st
                  found);
   if (!matching[0]->camera.hindrance.empty())
     return error(ErrorCode::kDevice, "camera '{}': {}", id, matching[0]->camera.hindrance);
-  auto open = std::make_unique<OpenCamera>(id, std::move(matching[0]->file), options);
+  auto open = std::make_unique<OpenCamera>(id, std::move(matching[0]->node), options);
   CS_TRY_VOID(open->set_up());
   return std::unique_ptr<Camera>(std::move(open));
 }
