@@ -13,7 +13,7 @@ namespace countershade {
 
 struct CameraSpec {
   std::string id;
-  // folder | simulated | aravis | v4l2 | command (libcamera is refused by name until built)
+  // folder | simulated | aravis | v4l2 | libcamera | command
   std::string backend = "folder";
   // What the backend opens: a folder's path; of aravis serial number, address or name; of command what takes a photo.
   std::string device;

@@ -69,8 +69,8 @@ const double kFar = 1000, kMostPixels = 32768;
 Fields fields_of(CameraSpec& c) {
   return {
       {"id", &c.id, id(), "name; its photos are stored under it"},
-      {"backend", &c.backend, text({"folder", "simulated", "aravis", "v4l2", "command"}, {"libcamera"}),
-       "who takes the photos: folder | simulated | aravis (GigE Vision, USB3 Vision) | v4l2 (webcams) | command"},
+      {"backend", &c.backend, text({"folder", "simulated", "aravis", "v4l2", "libcamera", "command"}),
+       "who takes the photos: folder | simulated | aravis (GigE Vision, USB3 Vision) | v4l2 | libcamera | command"},
       {"device", &c.device, any(),
        "a folder's path; of aravis serial number, IP address or name; a command with {file} in it", "the only one",
        "\"photos\""},

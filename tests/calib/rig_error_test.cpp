@@ -150,9 +150,6 @@ TEST(RigError, ValuesThatContradictEachOtherAreNamed) {
 
 TEST(RigError, WhatIsNotBuiltYetIsUnsupportedAndNamesWhatIsThere) {
   const auto unsupported = [](const std::string& text) { return complaint(text, ErrorCode::kUnsupported); };
-  EXPECT_THAT(unsupported("[[camera]]\nid = \"c\"\nbackend = \"libcamera\"\n"),
-              AllOf(StartsWith("rig.toml:3: backend = \"libcamera\""),
-                    HasSubstr("available: folder, simulated, aravis, v4l2")));
   for (const std::string kind : {"cylinder", "dome", "mesh"})
     EXPECT_THAT(unsupported(kSmallest + "[screen]\nkind = \"" + kind + "\"\n"),
                 HasSubstr("available: measured, planes"));

@@ -6,6 +6,7 @@
 #include "calib/photometry/response.h"
 #include "capture/device/aravis.h"
 #include "capture/device/command.h"
+#include "capture/device/libcamera.h"
 #include "capture/device/v4l2.h"
 #include "capture/device/window.h"
 
@@ -36,14 +37,19 @@ Result<void> check_real(const Rig& rig) {
   return {};
 }
 
+Result<std::unique_ptr<capture::Camera>> open_camera(const CameraSpec& camera) {
+  if (camera.backend == "v4l2") return capture::open_v4l2_camera(camera.id, camera.device);
+  if (camera.backend == "libcamera") return capture::open_libcamera_camera(camera.id, camera.device);
+  if (camera.backend == "command") return capture::open_command_camera(camera.id, camera.device);
+  return capture::open_aravis_camera(camera.id, camera.device);
+}
+
 // Cameras that photograph what monitors of this computer show.
 Result<capture::Devices> open_real(const Rig& rig) {
   CS_TRY_VOID(check_real(rig));
   capture::Devices devices;
   for (const CameraSpec& camera : rig.cameras) {
-    CS_TRY(auto opened, camera.backend == "v4l2"      ? capture::open_v4l2_camera(camera.id, camera.device)
-                        : camera.backend == "command" ? capture::open_command_camera(camera.id, camera.device)
-                                                      : capture::open_aravis_camera(camera.id, camera.device));
+    CS_TRY(auto opened, open_camera(camera));
     devices.cameras.push_back(std::move(opened));
   }
   int left = 0;  // of windows that have no monitor
