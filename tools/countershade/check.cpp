@@ -4,6 +4,7 @@
 
 #include "calib/file/file.h"
 #include "capture/device/aravis.h"
+#include "capture/device/libcamera.h"
 #include "capture/device/v4l2.h"
 #include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
@@ -53,8 +54,6 @@ Result<Answer> run_devices() {
   std::vector<Row> rows = {
       {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
       {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
-      {"libcamera", "not in this version",
-       "backend = \"v4l2\" where the camera has a /dev/video node, else patterns and import"},
   };
   if (!capture::has_aravis()) rows.push_back({"aravis", "not built in", "install libaravis-dev and build again"});
   const std::vector<capture::AravisCamera> cameras = capture::list_aravis_cameras();
@@ -74,6 +73,18 @@ Result<Answer> run_devices() {
                     !c.hindrance.empty()
                         ? c.hindrance
                         : fmt::format("backend = \"v4l2\", device = \"{}\" for a camera of the rig", c.device)});
+  const std::vector<capture::LibcameraCamera> piped = capture::list_libcamera_cameras();
+  if (piped.empty())
+    rows.push_back({"libcamera", capture::has_libcamera() ? "no camera known" : "not built in",
+                    capture::why_no_libcamera_camera()});
+  for (const capture::LibcameraCamera& c : piped) {  // ids have backslashes, which a rig takes in single quotes
+    const std::string range =
+        c.exposures_ms ? fmt::format(", {} to {} ms", (*c.exposures_ms)[0], (*c.exposures_ms)[1]) : "";
+    rows.push_back({"camera " + c.name, fmt::format("{} {}{}", c.id, fmt::join(c.formats, ","), range),
+                    !c.hindrance.empty()
+                        ? c.hindrance
+                        : fmt::format("backend = \"libcamera\", device = '{}' for a camera of the rig", c.id)});
+  }
   const auto monitors = capture::list_monitors();
   if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
   for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())
