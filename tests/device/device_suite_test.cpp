@@ -13,6 +13,7 @@
 #include "capture/device/aravis.h"
 #include "capture/device/command.h"
 #include "capture/device/folder.h"
+#include "capture/device/libcamera.h"
 #include "capture/device/v4l2.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
@@ -171,6 +172,25 @@ Bench webcam() {
   return std::move(bench);
 }
 
+// The same webcam, behind libcamera, which knows only 8 of its bits.
+Bench libcamera() {
+  auto [bench, see] = projectors_and_light();
+  if (!capture::has_libcamera()) {
+    bench.missing = "built without libcamera";
+    return std::move(bench);
+  }
+  auto options = sized<testing::UvcOptions>();
+  options.rate = 10, options.formats = {"GREY"};
+  bench.webcam = std::make_shared<testing::UvcCamera>(options, [see](double exposure_ms) {
+    std::vector<std::uint16_t> values = see(exposure_ms);
+    // Rounded, where the webcam cuts: half a grey level would be 2 % of dark photos.
+    for (std::uint16_t& v : values) v = static_cast<std::uint16_t>(std::lround(v / 257.0) * 257);
+    return values;
+  });
+  plug_in(bench, *bench.webcam, [] { return capture::open_libcamera_camera("camera", ""); });
+  return std::move(bench);
+}
+
 // A USB3 Vision camera, through Aravis and libusb.
 Bench usb3() {
   auto [bench, see] = projectors_and_light();
@@ -195,7 +215,8 @@ void PrintTo(const Backend& backend, std::ostream* to) {
   *to << backend.name;
 }
 const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Command", commanded},
-                             {"Gige", gige},           {"Webcam", webcam},  {"Usb3", usb3}};
+                             {"Gige", gige},           {"Webcam", webcam},  {"Libcamera", libcamera},
+                             {"Usb3", usb3}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {
  protected:
