@@ -7,7 +7,8 @@
 namespace countershade::capture {
 
 struct PhotoSettings {
-  std::optional<double> exposure_ms{}, gain{}, frame_ms{};  // frame_ms: from this photo to the next; none = nothing said
+  // None = nothing said; frame_ms: from this photo to the next.
+  std::optional<double> exposure_ms{}, gain{}, frame_ms{};
   bool by_driver = false;  // not the photo's own metadata: what the driver reads back
 };
 

@@ -100,12 +100,12 @@ TEST_F(Libcamera, IsOpenedByTheLineThatDevicesGivesForARig) {
   if (IsSkipped()) return;
   const testing::TemporaryFolder folder;
   const auto checked = [&](const std::string& device) {
-    std::ofstream(folder / "rig.toml") << "[[camera]]\nid = \"left eye\"\nbackend = \"libcamera\"\ndevice = '" << device
+    std::ofstream(folder / "rig.toml") << "[[camera]]\nid = \"left\"\nbackend = \"libcamera\"\ndevice = '" << device
                                        << "'\n[[projector]]\nid = \"p\"\nresolution = [64, 48]\noutput = \"window\"\n";
     return testing::run_countershade("check " + (folder / "rig.toml").string()).err;
   };
   EXPECT_THAT(checked(listed()->id), HasSubstr("there is no display"));
-  EXPECT_THAT(checked("imx219"), AllOf(HasSubstr("'left eye'"), HasSubstr("'imx219'")));
+  EXPECT_THAT(checked("imx219"), AllOf(HasSubstr("'left'"), HasSubstr("'imx219'")));
 }
 
 // R8 is all that libcamera 0.0.3 makes of a camera that could send 16 bits.

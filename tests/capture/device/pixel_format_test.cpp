@@ -160,6 +160,16 @@ TEST(PixelFormat, TheBestForMeasuringIsTakenFirst) {
   EXPECT_EQ(pixel_format(0), std::nullopt) << "what webcams send has no code";
 }
 
+TEST(PixelFormat, RowsThatLieApartAreReadWithoutWhatIsBetween) {
+  const std::vector<std::byte> bytes = {std::byte{1}, std::byte{2}, std::byte{99}, std::byte{3}, std::byte{4}};
+  const auto image = unpack(named("Mono8"), bytes, 2, 2, 3);  // the last row needs no end
+  ASSERT_TRUE(image) << image.error().message;
+  EXPECT_THAT(image->data(), ::testing::ElementsAre(1, 2, 3, 4));
+  const auto short_one = unpack(named("Mono8"), std::span(bytes).first(4), 2, 2, 3);
+  ASSERT_FALSE(short_one);
+  EXPECT_THAT(short_one.error().message, HasSubstr("2 bytes, 3 apart, came with 4 bytes"));
+}
+
 TEST(PixelFormat, TooFewBytesAreNamed) {
   for (const PixelFormat& f : pixel_formats()) {
     if (f.packing == Packing::kJpeg) continue;
