@@ -5,10 +5,13 @@
 #endif
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <mutex>
 
 #include "calib/base/check.h"
+#include "capture/device/genicam_check.h"
+#include "capture/device/gvsp_filter.h"
 #include "capture/device/pixel_format.h"
 
 namespace countershade::capture {
@@ -33,6 +36,8 @@ namespace {
 constexpr double kExposureTolerance = 0.01;  // what a camera may round an exposure by
 constexpr unsigned kSmallPacket = 1400;      // bytes: what every network lets through
 constexpr int kBuffers = 4;
+constexpr std::size_t kMostBytes = std::size_t{1} << 30;  // of a photo: more, and the camera is wrong about itself
+constexpr std::size_t kBesides = 1 << 20;                 // bytes that a camera may send with a photo
 
 // A call of Aravis that may fail.
 class Failure {
@@ -90,10 +95,12 @@ class OpenCamera final : public Camera {
   Result<void> switch_off(const char* feature);
   Result<void> choose_format();
   Result<void> negotiate_packets();
+  Result<std::size_t> photo_bytes();
   Result<void> start();
+  Result<void> guard_stream(std::size_t bytes);
   void stop();
   Result<std::optional<Exposure>> take_whole();
-  Result<Exposure> read_out(ArvBuffer* buffer);
+  Result<Exposure> read_out(ArvBuffer* buffer, double asked_s);
   Error is_gone(const Failure& failure);
 
   std::string id_;
@@ -101,9 +108,12 @@ class OpenCamera final : public Camera {
   Owned<ArvCamera> camera_;
   Owned<ArvStream> stream_;
   PixelFormat format_;
+  int width_ = 0, height_ = 0;
   double exposure_ms_ = 0;
-  bool armed_ = false, came_ = false, gone_ = false;  // came: the latest photo, if not whole
-  std::uint64_t photos_ = 0;
+  bool armed_ = false, gone_ = false;
+  bool came_ = false;                     // the latest photo, if not whole
+  bool owed_ = false;                     // a photo that was asked for has not come
+  std::uint64_t photos_ = 0, block_ = 0;  // given; the number that the camera gave the latest (0 is none)
 };
 
 Result<void> OpenCamera::switch_off(const char* feature) {
@@ -170,10 +180,46 @@ Result<void> OpenCamera::set_up() {
   return {};
 }
 
-Result<void> OpenCamera::start() {
+// What the camera says that it sends for a photo, if that can be.
+Result<std::size_t> OpenCamera::photo_bytes() {
   Failure failure;
-  const guint payload = arv_camera_get_payload(camera_.get(), failure.out());
+  gint x = 0, y = 0;
+  const std::size_t payload = arv_camera_get_payload(camera_.get(), failure.out());
   if (failure) return failed("size of a photo", failure);
+  arv_camera_get_region(camera_.get(), &x, &y, &width_, &height_, failure.out());
+  if (failure) return failed("width and height of a photo", failure);
+  const bool possible = width_ > 0 && height_ > 0 && kMostBytes / width_ / height_ > 0;
+  const std::size_t image = possible ? format_.bytes(width_, height_) : 0;
+  if (!possible || payload < image || payload > 2 * image + kBesides)
+    return error(ErrorCode::kDevice,
+                 "camera '{}' says that its photos have {} x {} pixels in {} and {} bytes, which cannot be: load its "
+                 "default settings by the maker's tool",
+                 id_, width_, height_, format_.name, payload);
+  return payload;
+}
+
+Result<void> OpenCamera::guard_stream(std::size_t bytes) {
+  if (!ARV_IS_GV_STREAM(stream_.get())) return {};
+  g_object_set(stream_.get(), "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout", 20000u,
+               "frame-retention", 100000u, nullptr);
+  Failure failure;
+  const guint packet = arv_camera_gv_get_packet_size(camera_.get(), failure.out());
+  if (failure || packet < 128)
+    return error(ErrorCode::kDevice, "camera '{}': its packets have {} bytes{}; set GevSCPSPacketSize to 1400", id_,
+                 packet, failure ? ": " + failure.text() : "");
+  const auto filtered =
+      filter_stream({arv_gv_stream_get_port(ARV_GV_STREAM(stream_.get())), packet,
+                     static_cast<std::uint32_t>(format_.bytes(width_, height_)), static_cast<std::uint32_t>(bytes)});
+  if (!filtered) return error(filtered.error().code, "camera '{}': {}", id_, filtered.error().message);
+  return {};
+}
+
+Result<void> OpenCamera::start() {
+  CS_TRY(const std::size_t bytes, photo_bytes());
+  Failure failure;
+  // Received as by any program: Aravis would take whole frames of the network card where it may, past our filter.
+  if (arv_camera_is_gv_device(camera_.get()))
+    arv_camera_gv_set_stream_options(camera_.get(), ARV_GV_STREAM_OPTION_PACKET_SOCKET_DISABLED);
   stream_.reset(arv_camera_create_stream(camera_.get(), nullptr, nullptr, failure.out()));
   if (!stream_ || failure)
     return error(
@@ -181,10 +227,8 @@ Result<void> OpenCamera::start() {
         "camera '{}': no stream: {}. Does another program have it? One that crashed keeps it for some seconds: "
         "try again",
         id_, failure.text());
-  if (ARV_IS_GV_STREAM(stream_.get()))
-    g_object_set(stream_.get(), "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout", 20000u,
-                 "frame-retention", 100000u, nullptr);
-  for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new(payload, nullptr));
+  CS_TRY_VOID(guard_stream(bytes));
+  for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new(bytes, nullptr));
   arv_camera_start_acquisition(camera_.get(), failure.out());
   if (failure) return failed("it does not start", failure);
   return {};
@@ -228,30 +272,44 @@ Error OpenCamera::is_gone(const Failure& failure) {
   return error(ErrorCode::kDevice, "camera '{}' is gone ({}); is it plugged in and powered?", id_, failure.text());
 }
 
-Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer) {
+Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer, double asked_s) {
   std::size_t size = 0;
   const void* data = arv_buffer_get_data(buffer, &size);
   const auto format = pixel_format(arv_buffer_get_image_pixel_format(buffer));
   if (!format || format->code != format_.code)
     return error(ErrorCode::kDevice, "camera '{}': {} was set, a photo in {} came", id_, format_.name,
                  format ? format->name : fmt::format("format {:#x}", arv_buffer_get_image_pixel_format(buffer)));
-  auto values = unpack(*format, {static_cast<const std::byte*>(data), size}, arv_buffer_get_image_width(buffer),
-                       arv_buffer_get_image_height(buffer));
+  const int width = arv_buffer_get_image_width(buffer), height = arv_buffer_get_image_height(buffer);
+  gint beside = 0, below = 0;
+  arv_buffer_get_image_padding(buffer, &beside, &below);
+  if (width != width_ || height != height_ || beside != 0)
+    return error(ErrorCode::kDevice,
+                 "camera '{}': photos of {} x {} pixels were set, one of {} x {} with {} bytes between its rows came; "
+                 "load its default settings by the maker's tool",
+                 id_, width_, height_, width, height, beside);
+  auto values = unpack(*format, {static_cast<const std::byte*>(data), size}, width, height);
   if (!values) return error(ErrorCode::kDevice, "camera '{}': {}", id_, values.error().message);
   Exposure exposure;
   exposure.values = std::move(*values);
   exposure.full_scale = format->full_scale();
   exposure.exposure_ms = exposure_ms_;
-  exposure.timestamp_s = static_cast<double>(arv_buffer_get_timestamp(buffer)) * 1e-9;
+  exposure.timestamp_s = asked_s;
   exposure.counter = photos_++;
   exposure.saturated = saturated_share(exposure.values, exposure.full_scale);
   return exposure;
 }
 
-// One photo; none where it did not come, or parts of it were lost.
+// One photo; none where it did not come, or parts of it were lost. After one that did not come the stream is begun
+// anew: it could come instead of the next one, and Aravis takes block numbers that jump back for photos of the past.
 Result<std::optional<Exposure>> OpenCamera::take_whole() {
-  while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) arv_stream_push_buffer(stream_.get(), old);
   Failure failure;
+  if (!stream_) {
+    arv_camera_get_exposure_time(camera_.get(), failure.out());
+    if (failure) return is_gone(failure);
+    CS_TRY_VOID(start());
+  }
+  while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) arv_stream_push_buffer(stream_.get(), old);
+  const double asked_s = std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
   arv_camera_software_trigger(camera_.get(), failure.out());
   if (failure) return is_gone(failure);
   const auto wait_us = static_cast<guint64>(1e6 * options_.timeout_s + 1e3 * exposure_ms_);
@@ -260,11 +318,18 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
   if (!came_) {  // of a camera that sends nothing, only an answer to a question tells whether it is there
     arv_camera_get_exposure_time(camera_.get(), failure.out());
     if (failure) return is_gone(failure);
+    stop();
+    owed_ = true;
     return std::optional<Exposure>();
   }
   std::optional<Result<Exposure>> read;
-  if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS) read = read_out(buffer);
+  const guint64 block = arv_buffer_get_frame_id(buffer);
+  if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS && block != block_) {
+    read = read_out(buffer, asked_s);
+    block_ = block;
+  }
   arv_stream_push_buffer(stream_.get(), buffer);
+  if (std::exchange(owed_, false)) stop();  // this one may be the former's, and its own be on the way
   if (!read) return std::optional<Exposure>();
   if (!*read) return read->error();
   return std::optional<Exposure>(std::move(**read));
@@ -286,8 +351,8 @@ Result<Exposure> OpenCamera::trigger() {
         id_, options_.tries, options_.timeout_s + exposure_ms_ / 1e3);
   return error(
       ErrorCode::kDevice,
-      "camera '{}': parts of every photo were lost on the way, {} times: check cable and network card, or give "
-      "the network larger receive buffers (sysctl net.core.rmem_max)",
+      "camera '{}': parts of every photo were lost on the way, or do not fit it, {} times: check cable and network "
+      "card, or give the network larger receive buffers (sysctl net.core.rmem_max)",
       id_, options_.tries);
 }
 
@@ -354,8 +419,17 @@ Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const 
                  found);
   const Listed& l = *matching[0];
   const std::string& name = l.camera.protocol == "GigEVision" ? l.camera.address : l.full_id;
+  const auto unusable = [&](const Error& why) {
+    return error(why.code, "camera '{}': '{}': {}; give it another firmware, by the maker's tool", id, l.camera.device,
+                 why.message);
+  };
+  if (l.camera.protocol == "GigEVision")
+    if (const auto size = check_description_size(l.camera.address); !size) return unusable(size.error());
   Failure failure;
-  Owned<ArvCamera> camera(arv_camera_new(name.c_str(), failure.out()));
+  const Owned<ArvDevice> opened(arv_open_device(name.c_str(), failure.out()));
+  if (opened && !failure)
+    if (const auto checked = check_description(opened.get()); !checked) return unusable(checked.error());
+  Owned<ArvCamera> camera(opened && !failure ? arv_camera_new_with_device(opened.get(), failure.out()) : nullptr);
   if (!camera || failure)
     return error(ErrorCode::kDevice,
                  "camera '{}': '{}' cannot be opened: {}. Does another program have it? One that crashed keeps it for "

@@ -173,8 +173,12 @@ Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes
     tail.push_back(0);
     from = tail.data();
   }
-  for (std::size_t i = 0; i < stored.data().size(); ++i)
-    stored.data()[i] = static_cast<float>(value_at(format, from, i));
+  const std::size_t values = stored.data().size();
+  if (format.packing == Packing::kBytes) {  // what fast cameras send, without a decision at each value
+    std::copy_n(from, values, stored.data().begin());
+  } else {
+    for (std::size_t i = 0; i < values; ++i) stored.data()[i] = static_cast<float>(value_at(format, from, i));
+  }
   if (format.colours == "BGR")
     for (std::size_t i = 0; i < stored.pixels(); ++i) std::swap(stored.data()[3 * i], stored.data()[3 * i + 2]);
   if (format.colours.empty() || channels == 3) return stored;
@@ -184,7 +188,9 @@ Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes
 double saturated_share(const Image& values, double full_scale) {
   const int channels = values.channels();
   std::size_t full = 0;
-  for (std::size_t i = 0; i < values.pixels(); ++i) {
+  if (channels == 1)
+    full = std::count_if(values.data().begin(), values.data().end(), [&](float x) { return x >= full_scale; });
+  for (std::size_t i = 0; channels > 1 && i < values.pixels(); ++i) {
     const float* v = values.data().data() + i * channels;
     full += std::any_of(v, v + channels, [&](float x) { return x >= full_scale; });
   }

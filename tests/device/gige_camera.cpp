@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 #include <net/if.h>
 #include <poll.h>
+#include <pthread.h>
 #include <sched.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
@@ -13,6 +14,8 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
+#include <ctime>
+#include <random>
 
 #include "calib/base/check.h"
 #include "capture/device/pixel_format.h"
@@ -45,7 +48,7 @@ enum Register : std::uint32_t {
   kPacketSize = 0xd04,
   kStreamAddress = 0xd18,
 };
-constexpr std::uint32_t kXmlAt = 0x10000, kEnd = 0x20000;
+constexpr std::uint32_t kXmlAt = 0x10000;
 constexpr std::uint32_t kFireTest = 0x80000000;
 constexpr int kHeaders = 28;  // of IP and UDP, which the packet size includes
 
@@ -80,11 +83,13 @@ std::string enter_private_network() {
 struct GigeCamera::State {
   GigeOptions options;
   Photograph photograph;
-  std::vector<std::uint8_t> space = std::vector<std::uint8_t>(kEnd);
+  std::vector<std::uint8_t> space;  // registers, then the description
   std::vector<std::uint8_t> photo;  // the latest, kept for resends
   unsigned block = 0, sent = 0;
   std::uint64_t taken_ns = 0;
   int control = -1, stream = -1;
+  std::mt19937 random{20};
+  std::vector<std::vector<std::uint8_t>> held;  // packets that wait for the next photo
 
   std::uint32_t get(std::uint32_t at) const { return get32(space.data() + at); }
   void set(std::uint32_t at, std::uint32_t v) { put32(space.data() + at, v); }
@@ -93,22 +98,29 @@ struct GigeCamera::State {
   unsigned last_packet() const { return static_cast<unsigned>((photo.size() + piece() - 1) / piece()) + 1; }
 
   void start();
+  bool has(GigeFault fault) const { return options.fault == fault; }
+  bool lost(bool again);
   void send(const std::vector<std::uint8_t>& packet) const;
+  std::vector<std::uint8_t> packet(unsigned id) const;
   void send_packet(unsigned id, bool again);
+  void send_photo();
+  void send_faults_before();
+  void develop(const std::vector<std::uint16_t>& values);
   void write(std::uint32_t at, std::uint32_t value, int& photos);
   void take(int& photos);
 };
 
 void GigeCamera::State::start() {
-  const std::string xml =
-      genicam_description({options.width, options.height, options.formats}, {"GEV", "BigEndian", 0});
-  CS_CHECK(xml.size() < kEnd - kXmlAt, "the description fits");
+  std::string xml = options.description;
+  if (xml.empty()) xml = genicam_description({options.width, options.height, options.formats}, {"GEV", "BigEndian", 0});
+  space.resize(kXmlAt + (xml.size() + 3) / 4 * 4);
   in_addr address{};
   inet_aton(options.address.c_str(), &address);
   set(kVersion, 0x00010002), set(kMode, 0x80000001), set(kMacHigh, 0x0242), set(kMacLow, 0x7f000001);
   set(kAddress, ntohl(address.s_addr)), set(kMask, 0xff000000);
   text(kVendor, "Countershade"), text(kModel, "RoomCamera"), text(kDeviceVersion, "1"), text(kSerial, options.serial);
-  text(kFirstUrl, fmt::format("Local:room.xml;{:x};{:x}", kXmlAt, xml.size())), text(kXmlAt, xml);
+  const std::size_t claimed = options.claimed_description > 0 ? options.claimed_description : xml.size();
+  text(kFirstUrl, fmt::format("Local:room.xml;{:x};{:x}", kXmlAt, claimed)), text(kXmlAt, xml);
   set(kChannels, 1), set(kCapabilities, 0x7), set(kHeartbeat, 3000), set(kTickLow, 1000000000);
   set(kPacketSize, 1400), set(kWidth, options.width), set(kHeight, options.height);
   for (const capture::PixelFormat& f : capture::pixel_formats())
@@ -130,30 +142,101 @@ void GigeCamera::State::send(const std::vector<std::uint8_t>& packet) const {
 }
 
 // Packet 0 is the leader, then the pixels, the last one is the trailer.
-void GigeCamera::State::send_packet(unsigned id, bool again) {
-  if (!again && options.drop_every > 0 && ++sent % options.drop_every == 0) return;
+std::vector<std::uint8_t> GigeCamera::State::packet(unsigned id) const {
   std::vector<std::uint8_t> p(8);
   put16(p.data() + 2, block), put32(p.data() + 4, id);
   if (id == 0) {
-    p.resize(44);
+    p.resize(has(GigeFault::kShortLeader) ? 8 : 44);
     p[4] = 1;
-    put16(p.data() + 10, 1);
+    if (p.size() < 44) return p;
+    put16(p.data() + 10, has(GigeFault::kOtherPayload) ? 10 : 1);
     put32(p.data() + 12, static_cast<std::uint32_t>(taken_ns >> 32));
     put32(p.data() + 16, static_cast<std::uint32_t>(taken_ns));
     put32(p.data() + 20, get(kFormat)),
         put32(p.data() + 24, options.claimed_width > 0 ? options.claimed_width : get(kWidth)),
         put32(p.data() + 28, get(kHeight));
+    if (has(GigeFault::kOtherPayload)) put16(p.data() + 8, 0xffff), put16(p.data() + 20, 0xffff);
   } else if (id == last_packet()) {
     p.resize(16);
     p[4] = 2;
     put16(p.data() + 10, 1), put32(p.data() + 12, get(kHeight));
   } else {
     const std::size_t at = (id - 1) * piece();
+    std::size_t end = at + piece() + (has(GigeFault::kLongPackets) ? 400 : 0);
     p[4] = 3;
+    if (has(GigeFault::kMovedPart) && id == 2) p[4] = 7, p.resize(16), end -= 8;  // and then: part 0, byte 0
     p.insert(p.end(), photo.begin() + static_cast<std::ptrdiff_t>(at),
-             photo.begin() + static_cast<std::ptrdiff_t>(std::min(photo.size(), at + piece())));
+             photo.begin() + static_cast<std::ptrdiff_t>(std::min(photo.size(), end)));
+    if (has(GigeFault::kHalfPacket) && id == 2) p.resize(p.size() / 2);
   }
-  send(p);
+  return p;
+}
+
+bool GigeCamera::State::lost(bool again) {
+  if (options.loss > 0 && std::uniform_real_distribution<double>()(random) < options.loss) return true;
+  return !again && options.drop_every > 0 && ++sent % options.drop_every == 0;
+}
+
+void GigeCamera::State::send_packet(unsigned id, bool again) {
+  if (lost(again) || (has(GigeFault::kNoTrailer) && id == last_packet())) return;
+  if (has(GigeFault::kHoldsBack) && !again && block % 3 == 1)
+    held.push_back(packet(id));
+  else
+    send(packet(id));
+}
+
+void GigeCamera::State::send_faults_before() {
+  std::vector<std::uint8_t> p = packet(1);
+  if (has(GigeFault::kTinyPackets))
+    for (std::size_t size = 7; size > 0; --size) p.resize(size), send(p);
+  if (has(GigeFault::kPacketBeyond))
+    for (const unsigned id : {last_packet() + 1, last_packet() + 1000, 0xffffffu})
+      put32(p.data() + 4, id), p[4] = 3, send(p);
+  if (has(GigeFault::kFarBeyond))
+    for (const auto& [kind, id] : {std::pair(4, 7u), {3, 100000u}, {2, 0u}, {3, 5000u}})
+      put32(p.data() + 4, id), p[4] = static_cast<std::uint8_t>(kind), send(p);
+}
+
+void GigeCamera::State::send_photo() {
+  for (const auto& p : std::exchange(held, {})) send(p);
+  send_faults_before();
+  for (unsigned i = 0; i <= last_packet(); ++i) {
+    if (has(GigeFault::kNoData) && i > 0 && i < last_packet()) continue;
+    if (has(GigeFault::kNoise)) {
+      std::vector<std::uint8_t> p(random() % 1400);
+      for (std::uint8_t& v : p) v = static_cast<std::uint8_t>(random());
+      if (p.size() > 8) put16(p.data() + 2, block), p[4] &= 0x8f;  // of the photo, and of a kind that there is
+      send(p);
+    }
+    send_packet(has(GigeFault::kBackwards) ? last_packet() - i : i, false);
+    if (has(GigeFault::kMovedPart) && i == 2) {  // as many bytes as there should be
+      std::vector<std::uint8_t> p = packet(i);
+      put32(p.data() + 4, 0x0700ea60), p.resize(24), send(p);
+    }
+    if (has(GigeFault::kInterleaved) && i != 3) {  // the other one never comes whole
+      std::vector<std::uint8_t> p = packet(i);
+      put16(p.data() + 2, block + 1);
+      std::fill(p.begin() + (i == 0 || i == last_packet() ? static_cast<std::ptrdiff_t>(p.size()) : 8), p.end(), 7);
+      send(p);
+    }
+  }
+}
+
+void GigeCamera::State::develop(const std::vector<std::uint16_t>& values) {
+  const capture::PixelFormat format = *capture::pixel_format(get(kFormat));
+  const std::size_t count = static_cast<std::size_t>(options.width) * (options.height - options.lines_short);
+  CS_CHECK(values.size() >= count, "a value for each pixel");
+  const int shift = 16 - format.bits;
+  if (format.packing != capture::Packing::kWords) {
+    photo.resize(count);
+    for (std::size_t i = 0; i < count; ++i) photo[i] = static_cast<std::uint8_t>(values[i] >> shift);
+    return;
+  }
+  photo.resize(2 * count);
+  for (std::size_t i = 0; i < count; ++i) {
+    photo[2 * i] = static_cast<std::uint8_t>(values[i] >> shift);
+    photo[2 * i + 1] = static_cast<std::uint8_t>(values[i] >> shift >> 8);
+  }
 }
 
 void GigeCamera::State::take(int& photos) {
@@ -162,20 +245,18 @@ void GigeCamera::State::take(int& photos) {
   ++photos;
   if (options.silent) return;
   if (!(options.repeats_frame && photos % 2 == 0)) {
-    const std::vector<std::uint16_t> values = photograph(exposure_us / 1e3);
-    const capture::PixelFormat format = *capture::pixel_format(get(kFormat));
-    const std::size_t count = static_cast<std::size_t>(options.width) * (options.height - options.lines_short);
-    photo.clear();
-    for (std::size_t i = 0; i < count; ++i) {
-      const unsigned v = values.at(i) >> (16 - format.bits);
-      photo.push_back(static_cast<std::uint8_t>(v));
-      if (format.packing == capture::Packing::kWords) photo.push_back(static_cast<std::uint8_t>(v >> 8));
-    }
-    block = block % 65535 + 1;  // 0 is left out
+    develop(photograph(exposure_us / 1e3));
+    if (has(GigeFault::kBlockWraps) && photos == 1) block = 65533;
+    unsigned step = has(GigeFault::kInterleaved) ? 2 : 1;
+    if (has(GigeFault::kBlockJumps)) step = 30000;
+    if (has(GigeFault::kBlockBack)) step = photos % 2 ? 200 : 65535 - 50;
+    block = (block + step - 1) % 65535 + 1;  // 0 is left out
     taken_ns = static_cast<std::uint64_t>(
         std::chrono::nanoseconds(std::chrono::steady_clock::now().time_since_epoch()).count());
+    if (has(GigeFault::kClockBack)) taken_ns -= 1000000000ull * photos;
+    if (has(GigeFault::kClockAhead)) taken_ns |= 0x7full << 56;
   }
-  for (unsigned id = 0; id <= last_packet(); ++id) send_packet(id, false);
+  send_photo();
 }
 
 void GigeCamera::State::write(std::uint32_t at, std::uint32_t value, int& photos) {
@@ -210,9 +291,17 @@ void GigeCamera::unplug() {
     if (*s >= 0) close(*s), *s = -1;
 }
 
+double GigeCamera::cpu_s() const {
+  clockid_t clock{};
+  timespec used{};
+  pthread_getcpuclockid(const_cast<std::thread&>(thread_).native_handle(), &clock);
+  clock_gettime(clock, &used);
+  return static_cast<double>(used.tv_sec) + 1e-9 * static_cast<double>(used.tv_nsec);
+}
+
 void GigeCamera::serve() {
   State& s = *state_;
-  while (!stop_) {
+  while (!stop_ && !(s.options.unplug_after > 0 && photos_ >= s.options.unplug_after)) {
     pollfd waiting{s.control, POLLIN, 0};
     if (poll(&waiting, 1, 20) <= 0) continue;
     std::uint8_t in[2048], out[2048] = {};
@@ -232,7 +321,7 @@ void GigeCamera::serve() {
       case 0x0080:
         for (; size + 4 <= length; size += 4) {
           const std::uint32_t at = get32(data + size);
-          put32(out + 8 + size, at <= kEnd - 4 ? s.get(at) : 0);
+          put32(out + 8 + size, at <= s.space.size() - 4 ? s.get(at) : 0);
         }
         break;
       case 0x0082:
@@ -241,7 +330,7 @@ void GigeCamera::serve() {
         break;
       case 0x0084: {
         const std::uint32_t at = get32(data), count = std::min(1000u, get16(data + 6));
-        if (at + count <= kEnd) std::copy_n(s.space.begin() + at, count, out + 12), size = count + 4;
+        if (at + count <= s.space.size()) std::copy_n(s.space.begin() + at, count, out + 12), size = count + 4;
         put32(out + 8, at);
         break;
       }

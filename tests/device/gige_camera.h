@@ -17,6 +17,30 @@ namespace countershade::testing {
 // where the machine does not allow that; empty when done. Call it before any thread is started.
 std::string enter_private_network();
 
+// What a camera does wrong, in every photo.
+enum class GigeFault {
+  kNone,
+  kShortLeader,   // ends behind its header
+  kOtherPayload,  // its leader announces a kind of payload that was not asked for, with 65535 parts
+  kTinyPackets,   // packets of 1 to 7 bytes among the others
+  kPacketBeyond,  // data packets numbered beyond the photo
+  kFarBeyond,     // the same behind a packet that makes Aravis forget how many there are
+  kHalfPacket,    // one data packet is half as long as it should be, each time it is sent
+  kLongPackets,   // every data packet goes on with what the next one begins with
+  kMovedPart,     // one data packet says by itself where it belongs, and that is elsewhere
+  kNoData,        // leader and trailer, nothing between
+  kNoTrailer,     // also when it is asked for
+  kBackwards,     // last packet first
+  kInterleaved,   // packets of the photo and of another one in turns
+  kNoise,         // random packets before and among the photo's
+  kBlockJumps,    // block numbers jump ahead by 30000
+  kBlockBack,     // they fall back by 50
+  kBlockWraps,    // they are about to begin anew
+  kClockBack,     // its clock goes back
+  kClockAhead,    // it is centuries ahead
+  kHoldsBack,     // every third photo is sent when the next one has been asked for
+};
+
 struct GigeOptions {
   int width = 64, height = 48;
   std::string serial = "ROOM1";
@@ -24,6 +48,7 @@ struct GigeOptions {
   std::vector<std::string> formats = {"Mono8", "Mono16"};
   int largest_packet = 9000;    // bytes that "the network" lets through, of a packet with its headers
   int drop_every = 0;           // every so manyth stream packet is not sent the first time; 0 = none
+  double loss = 0;              // share of stream packets that are lost at random, those sent again too
   bool deaf = false;            // resend requests are not answered
   double exposure_step_us = 0;  // exposures are rounded to it, silently
   int automatic = 0;            // 1: exposure stays automatic whatever is written
@@ -31,6 +56,10 @@ struct GigeOptions {
   int lines_short = 0;          // a photo has so many lines less than it says
   int claimed_width = 0;        // what a photo says that its width is; 0 = the truth
   bool repeats_frame = false;   // every second photo is the one before, with its number
+  int unplug_after = 0;         // it is unplugged when it has taken so many photos; 0 = never
+  GigeFault fault = GigeFault::kNone;
+  std::string description = "";         // instead of the right one; "" = that
+  std::size_t claimed_description = 0;  // bytes that it says it has; 0 = the truth
 };
 
 class GigeCamera {
@@ -42,6 +71,7 @@ class GigeCamera {
   void unplug();  // no answer from now on
   int photos() const { return photos_; }
   int resent() const { return resent_; }
+  double cpu_s() const;  // that the camera itself has used
 
  private:
   struct State;
