@@ -179,6 +179,12 @@ Result<Stage::Arrival> Stage::wait_for(const Pictures& pictures, int shows, doub
   }
   for (std::size_t i = 0; i < photos.size(); ++i) photos[i].share = judge_.share_of_change(views[i], views.back());
   if (arrival.seen) arrival.appeared = appearance(photos);
+  // A camera's clock may jump: none is waited for longer than this, nor less where the clock went back.
+  const bool back = !std::is_sorted(photos.begin(), photos.end(),
+                                    [](const StepPhoto& a, const StepPhoto& b) { return a.from_ms < b.from_ms; });
+  Appearance& at = arrival.appeared;
+  if (back && arrival.seen && photos.front().share <= kWholeChange) at = {kLongestLatencyMs, kLongestLatencyMs};
+  at = {std::clamp(at.earliest_ms, 0.0, kLongestLatencyMs), std::clamp(at.latest_ms, 0.0, kLongestLatencyMs)};
   arrival.exposure_ms = photos.front().exposure_ms;
   arrival.settled = std::move(views.back());
   return arrival;
