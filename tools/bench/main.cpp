@@ -31,6 +31,8 @@ const std::vector<std::pair<std::string, StudyFunction>> kStudies = {
     {"kill", kill_study},
     {"sync", sync_study},
     {"capture-to-show", capture_to_show},
+    {"camera-throughput", camera_throughput},
+    {"loss", loss_study},
 };
 
 void print(const Study& study) {

@@ -47,6 +47,8 @@ Result<Study> lens_calibration(const StudyContext& context);
 Result<Study> kill_study(const StudyContext& context);
 Result<Study> sync_study(const StudyContext& context);
 Result<Study> capture_to_show(const StudyContext& context);
+Result<Study> camera_throughput(const StudyContext& context);
+Result<Study> loss_study(const StudyContext& context);
 
 // Writes one picture per room to context.output: plain | indirect light x 4 | a Gray code's stripes | truth.
 Result<void> render_gallery(const StudyContext& context);
