@@ -1,5 +1,7 @@
 // camera-throughput: photos per second of a GigE Vision camera, beside a loop of Aravis' own; and of live decoding.
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <ctime>
 #include <thread>
 
@@ -21,7 +23,7 @@ using testing::GigeCamera;
 using testing::GigeOptions;
 
 constexpr int kWidth = 1920, kHeight = 1080;
-constexpr int kRounds = 5, kPhotos = 100;  // of each client in turns; photos of a round
+constexpr int kRounds = 5, kPhotos = 60;  // of each client in turns; photos of a round
 
 double now_s() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -35,6 +37,13 @@ double process_cpu_s() {
 struct Speed {
   double seconds = 0, cpu_s = 0;  // of the client: without the camera's
   int photos = 0, lost = 0;
+  std::vector<double> each_s;  // whole photos
+  // By the median, since other programs make single photos wait.
+  double rate() const {
+    std::vector<double> sorted = each_s;
+    std::sort(sorted.begin(), sorted.end());
+    return 1 / sorted.at(sorted.size() / 2);
+  }
 };
 
 Result<Speed> time_ours(const GigeCamera& plugged, const std::string& serial) {
@@ -44,7 +53,9 @@ Result<Speed> time_ours(const GigeCamera& plugged, const std::string& serial) {
   Speed speed;
   const double from = now_s(), cpu = process_cpu_s() - plugged.cpu_s();
   for (int i = 0; i < kPhotos; ++i) {
+    const double asked = now_s();
     CS_TRY(const capture::Exposure taken, camera->trigger());
+    speed.each_s.push_back(now_s() - asked);
     speed.lost += taken.lost, ++speed.photos;
   }
   speed.seconds = now_s() - from, speed.cpu_s = process_cpu_s() - plugged.cpu_s() - cpu;
@@ -58,8 +69,10 @@ Result<Speed> time_aravis(const GigeCamera& plugged) {
   speed.lost = !warm;
   const double from = now_s(), cpu = process_cpu_s() - plugged.cpu_s();
   while (speed.photos < kPhotos && now_s() - from < 60) {
+    const double asked = now_s();
     CS_TRY(const bool whole, loop->photo());
     speed.lost += !whole, speed.photos += whole;
+    if (whole) speed.each_s.push_back(now_s() - asked);
   }
   speed.seconds = now_s() - from, speed.cpu_s = process_cpu_s() - plugged.cpu_s() - cpu;
   return speed;
@@ -70,13 +83,14 @@ std::vector<std::string> row(int packet, const char* client, const Speed& s) {
           client,
           fmt::format("{}", s.photos),
           fmt::format("{}", s.lost),
-          fmt::format("{:.1f}", s.photos / s.seconds),
+          fmt::format("{:.1f}", s.rate()),
           fmt::format("{:.2f}", s.cpu_s / s.seconds),
           fmt::format("{:.1f}", 1e3 * s.cpu_s / s.photos)};
 }
 
 void add(Speed& to, const Speed& s) {
   to.seconds += s.seconds, to.cpu_s += s.cpu_s, to.photos += s.photos, to.lost += s.lost;
+  to.each_s.insert(to.each_s.end(), s.each_s.begin(), s.each_s.end());
 }
 
 // A session of a camera that sees each projector pixel in one of its own.
@@ -105,7 +119,7 @@ Result<Sequence> write_session(const fs::path& folder, const std::string& code) 
 
 struct Decoded {
   int photos = 0;
-  double seconds = 0, behind_s = 0, accepted = 0;
+  double seconds = 0, cpu_s = 0, behind_s = 0, accepted = 0;
 };
 
 // Decodes the session's photos, handed over one each period_s.
@@ -113,13 +127,14 @@ Result<Decoded> decode_live(const fs::path& folder, const Sequence& sequence, do
   CS_TRY(const auto decoder, capture::Decoder::make(sequence, "camera", "projector", {}));
   Decoded decoded;
   capture::LiveDecoding live(folder, sequence, "camera");
-  const double from = now_s();
+  const double from = now_s(), cpu = process_cpu_s();
   for (const int frame : decoder.frames()) {
     std::this_thread::sleep_for(std::chrono::duration<double>(from + period_s * decoded.photos++ - now_s()));
     live.stored(frame);
   }
   const double handed = now_s();
   CS_TRY(const capture::Correspondence found, live.finish().at(0));
+  decoded.cpu_s = process_cpu_s() - cpu;
   decoded.seconds = now_s() - from, decoded.behind_s = now_s() - handed;
   decoded.accepted = static_cast<double>(found.accepted) / (kWidth * kHeight);
   return decoded;
@@ -155,11 +170,12 @@ Result<Study> camera_throughput(const StudyContext& context) {
     }
     study.rows.push_back(row(packet, "countershade", ours));
     study.rows.push_back(row(packet, "Aravis alone", aravis));
-    worst = std::min(worst, ours.photos / ours.seconds / (aravis.photos / aravis.seconds));
-    fastest = std::max(fastest, ours.photos / ours.seconds);
+    worst = std::min(worst, ours.rate() / aravis.rate());
+    fastest = std::max(fastest, ours.rate());
   }
   context.progress->step("camera-throughput", done, done);
   std::string decoded;
+  bool keeps_up = true;
   for (const char* code : {"gray", "micro-phase"}) {
     const fs::path session = context.output / "camera-throughput" / code;
     std::error_code ignored;
@@ -169,19 +185,21 @@ Result<Study> camera_throughput(const StudyContext& context) {
     CS_TRY(const Decoded at_once, decode_live(session, sequence, 0));
     CS_TRY(const Decoded fed, decode_live(session, sequence, 1 / fastest));
     const double rate = at_once.photos / at_once.seconds;
-    decoded += fmt::format("{}{:.0f} ({})", decoded.empty() ? "" : " and ", rate, code);
-    study.notes.push_back(
-        fmt::format("live decoding of {}, {} photos of 1080p from their files: {:.1f} photos/s, {:.1f} % accepted; "
-                    "handed over at the camera's fastest rate here it is over {:.0f} ms after the last one",
-                    code, at_once.photos, rate, 100 * at_once.accepted, 1e3 * fed.behind_s));
+    keeps_up = keeps_up && rate >= fastest;
+    decoded += fmt::format("{}{:.1f} ({})", decoded.empty() ? "" : " and ", rate, code);
+    study.notes.push_back(fmt::format(
+        "live decoding of {}, {} photos of 1080p from their files: {:.1f} photos/s ({:.0f} ms of CPU each), {:.1f} % "
+        "accepted; "
+        "handed over at the camera's fastest rate here it is over {:.0f} ms after the last one",
+        code, at_once.photos, rate, 1e3 * at_once.cpu_s / at_once.photos, 100 * at_once.accepted, 1e3 * fed.behind_s));
   }
   study.notes.push_back(
       "the camera works on the same processor cores; CPU share is that of one core, without the camera's. A capture "
       "adds exposure, display and storing to each photo");
   study.figure =
       fmt::format("{:.0f} % of the rate of Aravis alone at worst; {} photos/s decoded", 100 * worst, decoded);
-  study.bound = ">= 90 %";
-  study.ok = worst >= 0.9;
+  study.bound = ">= 90 %; decoding as fast as the camera";
+  study.ok = worst >= 0.9 && keeps_up;
   return study;
 }
 
