@@ -106,8 +106,8 @@ class CommandCamera final : public Camera {
     if (!(exposure_ms >= 0))
       return error(ErrorCode::kBadValue, "camera '{}': exposure of {} ms; it must be positive, or 0 for its own", id_,
                    exposure_ms);
-    const bool hears = command_.find("{exposure_ms}") != std::string::npos ||
-                       command_.find("{exposure_s}") != std::string::npos;
+    const bool hears =
+        command_.find("{exposure_ms}") != std::string::npos || command_.find("{exposure_s}") != std::string::npos;
     if (!hears && exposure_ms_ && *exposure_ms_ != exposure_ms)
       return error(ErrorCode::kBadValue,
                    "camera '{}': exposures of {} and {} ms, but its command says neither {{exposure_s}} nor "

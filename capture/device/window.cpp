@@ -94,7 +94,12 @@ struct OpenGl {
 class WindowProjector final : public Projector {
  public:
   WindowProjector(std::string id, int width, int height, double refresh_hz, GLFWwindow* window)
-      : id_(std::move(id)), width_(width), height_(height), refresh_hz_(refresh_hz), window_(window) {}
+      : id_(std::move(id)),
+        width_(width),
+        height_(height),
+        refresh_hz_(refresh_hz),
+        window_(window),
+        full_screen_(glfwGetWindowMonitor(window) != nullptr) {}
   ~WindowProjector() override { glfwDestroyWindow(window_); }
   WindowProjector(const WindowProjector&) = delete;
   WindowProjector& operator=(const WindowProjector&) = delete;
@@ -126,6 +131,7 @@ class WindowProjector final : public Projector {
       bytes_[i] = static_cast<std::uint8_t>((picture.data()[i] + 128) / 257);
     glfwMakeContextCurrent(window_);
     glfwPollEvents();
+    CS_TRY_VOID(check_there());
     CS_TRY_VOID(check_size(window_, id_, width_, height_));
     draw();
     glfwSwapBuffers(window_);
@@ -145,6 +151,22 @@ class WindowProjector final : public Projector {
   }
 
  private:
+  // A monitor that is unplugged leaves its picture in a window on another one.
+  Result<void> check_there() const {
+    if (full_screen_ && glfwGetWindowMonitor(window_) == nullptr)
+      return error(
+          ErrorCode::kDevice,
+          "projector '{}': its monitor is gone: plug it in again; what is stored is kept, and the same command "
+          "resumes",
+          id_);
+    if (glfwWindowShouldClose(window_))
+      return error(
+          ErrorCode::kDevice,
+          "projector '{}': its window was closed: leave it alone; what is stored is kept, and the same command "
+          "resumes",
+          id_);
+    return {};
+  }
   void draw() const {
     gl_.disable(GL_DITHER);
     gl_.viewport(0, 0, width_, height_);
@@ -158,6 +180,7 @@ class WindowProjector final : public Projector {
   int width_, height_;
   double refresh_hz_;
   GLFWwindow* window_;
+  bool full_screen_;
   OpenGl gl_;
   std::vector<std::uint8_t> bytes_;
 };

@@ -214,9 +214,8 @@ struct Backend {
 void PrintTo(const Backend& backend, std::ostream* to) {
   *to << backend.name;
 }
-const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders}, {"Command", commanded},
-                             {"Gige", gige},           {"Webcam", webcam},  {"Libcamera", libcamera},
-                             {"Usb3", usb3}};
+const Backend kBackends[] = {{"Simulated", simulated}, {"Folder", folders},      {"Command", commanded}, {"Gige", gige},
+                             {"Webcam", webcam},       {"Libcamera", libcamera}, {"Usb3", usb3}};
 
 class DeviceSuite : public ::testing::TestWithParam<Backend> {
  protected:

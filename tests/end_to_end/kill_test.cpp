@@ -113,12 +113,12 @@ TEST_F(Kill, TheTracerCountsWhatChangesAFolderAndNothingElse) {
 }
 
 TEST_F(Kill, ASessionGoesOnAsIfNothingHadHappened) {
-  expect_survival("simulate", folder_ / "rig.toml", 6);
+  expect_survival("simulate", folder_ / "rig.toml", 4);
 }
 
 TEST_F(Kill, ACalibrationIsWholeOrMadeAgain) {
   ASSERT_EQ(run("simulate", folder_ / "rig.toml", folder_ / "session").exit_code, 0);
-  expect_survival("calibrate", folder_ / "session", 3);
+  expect_survival("calibrate", folder_ / "session", 2);
 }
 
 }  // namespace

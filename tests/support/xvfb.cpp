@@ -10,6 +10,9 @@
 #include <fstream>
 #include <iterator>
 
+#include <X11/Xlib.h>  // last: its macros have short names
+#include <X11/Xutil.h>
+
 namespace countershade::testing {
 
 XvfbDisplay::XvfbDisplay(const std::filesystem::path& folder, int width, int height) : file_(folder / "Xvfb_screen0") {
@@ -52,6 +55,30 @@ std::vector<std::uint8_t> XvfbDisplay::pixels(int width, int height, int left) c
     for (int x = left; x < left + width; ++x)
       for (int c : {2, 1, 0}) rgb.push_back(static_cast<std::uint8_t>(bytes[start + y * stride + 4 * x + c]));
   return rgb;
+}
+
+bool XvfbDisplay::close_window(const std::string& title) const {
+  Display* display = XOpenDisplay(name().c_str());
+  if (display == nullptr) return false;
+  Window root = DefaultRootWindow(display), parent = 0, *children = nullptr;
+  unsigned count = 0;
+  bool found = false;
+  XQueryTree(display, root, &root, &parent, &children, &count);
+  for (unsigned i = 0; i < count; ++i) {
+    char* text = nullptr;
+    if (XFetchName(display, children[i], &text) == 0 || text == nullptr) continue;
+    if (title == text) {
+      XEvent event{};
+      event.xclient.type = ClientMessage, event.xclient.window = children[i], event.xclient.format = 32;
+      event.xclient.message_type = XInternAtom(display, "WM_PROTOCOLS", False);
+      event.xclient.data.l[0] = static_cast<long>(XInternAtom(display, "WM_DELETE_WINDOW", False));
+      found = XSendEvent(display, children[i], False, NoEventMask, &event) != 0;
+    }
+    XFree(text);
+  }
+  if (children != nullptr) XFree(children);
+  XCloseDisplay(display);  // what was sent has arrived then
+  return found;
 }
 
 }  // namespace countershade::testing

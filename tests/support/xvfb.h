@@ -22,6 +22,8 @@ class XvfbDisplay {
   std::string name() const { return ":" + name_; }
   // (width, height) pixels from (left, 0), RGB.
   std::vector<std::uint8_t> pixels(int width, int height, int left = 0) const;
+  // As somebody who clicks on the cross of the window with this title; whether there is one.
+  bool close_window(const std::string& title) const;
 
  private:
   std::filesystem::path file_;

@@ -5,6 +5,7 @@
 namespace countershade::tools {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 
 Rig rig_of(const std::vector<std::string>& backends, const std::string& output) {
@@ -39,7 +40,11 @@ TEST(OpenDevices, WhatCannotSeeEachOtherIsRefusedBeforeAnythingIsOpened) {
 TEST(OpenDevices, APersonsCameraCannotBeTriggered) {
   const Error folder = refusal(rig_of({"folder"}, "window"));
   EXPECT_EQ(folder.code, ErrorCode::kDevice);
-  EXPECT_THAT(folder.message, HasSubstr("use `countershade import`"));
+  EXPECT_THAT(folder.message, AllOf(HasSubstr("use `countershade import`"), HasSubstr("backend = \"command\"")));
+  Rig rig = rig_of({"command"}, "window");
+  rig.cameras[0].device = "gphoto2 --capture-image";
+  EXPECT_THAT(refusal(rig).message, HasSubstr("{file} must stand in it")) << "opened as what it is";
+  EXPECT_THAT(refusal(rig_of({"command"}, "folder")).message, HasSubstr("lights nothing that camera"));
 }
 
 }  // namespace

@@ -1,6 +1,11 @@
 // check and devices: what can be known before a capture.
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
 
 #include "calib/file/file.h"
 #include "capture/device/aravis.h"
@@ -9,6 +14,7 @@
 #include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/devices.h"
+#include "tools/job/identification.h"
 #include "tools/job/inspection.h"
 
 namespace countershade::tools {
@@ -47,13 +53,37 @@ Result<Answer> run_check(const Options& options, const Context& context) {
   return Answer{text_of(findings) + "page: " + options.page.string() + "\n", document.dump(1) + "\n", all_ok ? 0 : 1};
 }
 
-Result<Answer> run_devices() {
+// Whether a shell would find it.
+bool is_installed(const std::string& program) {
+  const char* path = std::getenv("PATH");
+  std::stringstream folders(path != nullptr ? path : "");
+  for (std::string folder; std::getline(folders, folder, ':');)
+    if (access((folder + "/" + program).c_str(), X_OK) == 0) return true;
+  return false;
+}
+
+struct DevicesOptions {
+  double identify_s = 0;
+  std::filesystem::path rig;
+};
+
+Result<Answer> run_devices(const DevicesOptions& options, const Context& context) {
+  if (options.identify_s > 0) {
+    std::optional<Rig> rig;
+    if (!options.rig.empty()) {
+      CS_TRY(rig, read_rig(options.rig));
+    }
+    CS_TRY_VOID(identify_monitors(rig ? &*rig : nullptr, options.identify_s, *context.progress));
+  }
   struct Row {
     std::string name, state, remedy;
   };
   std::vector<Row> rows = {
       {"simulated camera and projector", "ready", "a rig with [simulation]; countershade new two-wall writes one"},
       {"folder of photos", "ready", "countershade patterns, photograph, countershade import"},
+      {"camera behind a command", is_installed("gphoto2") ? "gphoto2 is there" : "gphoto2 is not installed",
+       "backend = \"command\", device = \"gphoto2 --capture-image-and-download --force-overwrite --filename "
+       "{file}.jpg\""},
   };
   if (!capture::has_aravis()) rows.push_back({"aravis", "not built in", "install libaravis-dev and build again"});
   const std::vector<capture::AravisCamera> cameras = capture::list_aravis_cameras();
@@ -113,8 +143,16 @@ void add_check(CLI::App& app, Action& action) {
 }
 
 void add_devices(CLI::App& app, Action& action) {
-  app.add_subcommand("devices", "cameras and displays this version can use; what is missing, and the remedy")
-      ->callback([&action] { action = [](const Context&) { return run_devices(); }; });
+  auto* verb =
+      app.add_subcommand("devices", "cameras and displays this version can use; what is missing, and the remedy");
+  auto options = std::make_shared<DevicesOptions>();
+  verb->add_option(
+          "--identify", options->identify_s,
+          "show on every monitor, for so many seconds, its name, a frame of one pixel, single pixels and steps "
+          "near black and white: what is cut off, scaled or clipped is seen")
+      ->check(CLI::Range(0.0, 3600.0));
+  verb->add_option("--rig", options->rig, "rig.toml: name its projectors on the monitors too");
+  verb->callback([options, &action] { action = [options](const Context& c) { return run_devices(*options, c); }; });
 }
 
 }  // namespace countershade::tools

@@ -24,8 +24,9 @@ Result<void> check_real(const Rig& rig) {
                    camera.id);
     if (camera.backend == "folder")
       return error(ErrorCode::kDevice,
-                   "camera '{}': backend '{}' cannot be triggered by this program; photograph the pictures that "
-                   "`countershade patterns` writes by hand and use `countershade import`",
+                   "camera '{}': backend '{}' cannot be triggered by this program; state the command that takes a "
+                   "photo (backend = \"command\"), or photograph the pictures that `countershade patterns` writes by "
+                   "hand and use `countershade import`",
                    camera.id, camera.backend);
   }
   for (const ProjectorSpec& p : rig.projectors)

@@ -26,9 +26,6 @@ Picture flat(const capture::Projector& p, std::uint16_t value) {
   return Picture(p.width(), p.height(), 3, value);
 }
 
-// Photos after a show that may still see the former picture; more than that, and the capture would give up.
-constexpr int kLongestLatency = 3;
-
 // After what every display takes.
 Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camera, const CameraSpec& spec, int lit,
                          bool all) {
@@ -42,8 +39,9 @@ Result<Photo> photo_with(const capture::Devices& devices, capture::Camera& camer
 }
 
 struct Latency {
-  int photos = 0;  // that go by before one looks like the last, for the slowest projector
-  double ms = 0;   // from the first photo to that one, by the camera's clock
+  int photos = 0;    // that go by before one looks like the last, for the slowest projector
+  double ms = 0;     // from the first photo to that one, by the camera's clock
+  bool seen = true;  // there was one, before the last
 };
 
 // From settled black to white.
@@ -52,15 +50,17 @@ Result<Latency> measure_latency(const capture::Devices& devices, capture::Camera
   std::vector<Photo> after;
   std::vector<double> time_s;
   for (const auto& p : devices.projectors) CS_TRY_VOID(p->show(flat(*p, 65535)));
-  for (int i = 0; i <= kLongestLatency + 1; ++i) {
+  constexpr std::size_t kLeast = 5, kMost = 40;  // of a slow camera, and of one whose clock stands still
+  while (after.size() < kLeast || (time_s.back() - time_s.front() < 1e-3 * kSettledMs && after.size() < kMost)) {
     CS_TRY(const capture::Exposure exposure, camera.trigger());
     after.push_back(photo_of(exposure, spec));
     time_s.push_back(exposure.timestamp_s);
   }
   const double settled = mean_difference(after.back().value, black.value);
-  int latency = kLongestLatency + 1;  // light that swings is no latency
+  int latency = static_cast<int>(after.size()) - 1;  // light that swings is no latency
   while (latency > 0 && mean_difference(after[latency - 1].value, after.back().value) < 0.3 * settled) --latency;
-  return Latency{latency, 1e3 * (time_s[latency] - time_s[0])};
+  const bool seen = latency + 1 < static_cast<int>(after.size());
+  return Latency{latency, 1e3 * (time_s[latency] - time_s[0]), seen};
 }
 
 Result<void> check_camera(const CameraSpec& spec, const capture::Devices& devices, capture::Camera& camera,
@@ -73,12 +73,13 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
        "other light than the projectors': switch lamps off, close blinds, or state the camera's pedestal",
        dark < 0.05});
   CS_TRY(const Latency late, measure_latency(devices, camera, spec, black));
-  const int latency = late.photos;
-  findings.push_back({fmt::format("camera {}: latency", spec.id),
-                      fmt::format("{} photos before a picture is seen ({:.0f} ms)", latency, late.ms),
-                      "pictures arrive too late for the capture: switch the projector's and the display's frame "
-                      "interpolation off (game mode)",
-                      latency <= kLongestLatency});
+  findings.push_back(
+      {fmt::format("camera {}: latency", spec.id),
+       fmt::format("{} photos before a picture is seen ({:.0f} ms)", late.photos, late.ms),
+       fmt::format("pictures arrive later than the {:.0f} ms that are waited for: switch the projector's "
+                   "and the display's frame interpolation off (game mode)",
+                   kSettledMs),
+       late.seen && late.ms <= kSettledMs});
   for (std::size_t q = 0; q < devices.projectors.size(); ++q) {
     CS_TRY(const Photo white, photo_with(devices, camera, spec, static_cast<int>(q), false));
     const double change = mean_difference(white.value, black.value);

@@ -131,6 +131,22 @@ TEST(WindowProjector, MonitorThatIsNotThereOrHasAnotherModeIsNamed) {
   EXPECT_THAT(client.hear(), AllOf(HasSubstr(name), HasSubstr("322x201"), HasSubstr("1280x800"), HasSubstr("left")));
 }
 
+TEST(WindowProjector, AWindowThatWasClosedIsNamedAndShowsNothingMore) {
+  fake::Scratch scratch("closed");
+  START_DISPLAY(scratch);
+  const Picture first = random_picture("before", 123, 71), second = random_picture("after", 123, 71);
+  Client client(display.name(), [&](const Client::Say& say) {
+    const auto projector = open_window_projector("left", 123, 71, "", "pictures");
+    say(show(projector, first));
+    say(show(projector, second));
+  });
+  ASSERT_EQ(client.hear(), "shown");
+  ASSERT_TRUE(display.close_window("pictures"));
+  client.go();
+  EXPECT_THAT(client.hear(), AllOf(HasSubstr("projector 'left'"), HasSubstr("closed"), HasSubstr("resumes")));
+  EXPECT_TRUE(display.pixels(123, 71) == eight_bits(first));
+}
+
 TEST(WindowProjector, WithoutADisplayTheRemedyIsNamed) {
   Client client(":987654", [&](const Client::Say& say) { say(list_monitors().error().message); });
   EXPECT_THAT(client.hear(), AllOf(HasSubstr("no display"), HasSubstr("DISPLAY")));

@@ -1,5 +1,5 @@
-// Sweeps of real light: displays that are late, photos with holes, colour wheels and pulses that an exposure cuts, light
-// that swings or comes on, people who walk in.
+// Sweeps of real light: displays that are late, photos with holes, colour wheels and pulses that an exposure cuts,
+// light that swings or comes on, people who walk in.
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -135,7 +135,7 @@ Sweep flicker() {
   };
   return {"flicker",
           "Light that changes while photos are taken",
-          "swing of all light, light that a lamp adds (of full scale), or light that a lamp loses, %",
+          "swing of all light, light added (of full scale) or lost, %",
           "change of the light, % of white",
           change_of_light,
           {{"mains: from photo to photo", {0, 0.1, 0.3, 1, 3, 10}, {1}, add("flicker", 0)},
