@@ -179,11 +179,16 @@ Result<Stage::Arrival> Stage::wait_for(const Pictures& pictures, int shows, doub
   }
   for (std::size_t i = 0; i < photos.size(); ++i) photos[i].share = judge_.share_of_change(views[i], views.back());
   if (arrival.seen) arrival.appeared = appearance(photos);
-  // A camera's clock may jump: none is waited for longer than this, nor less where the clock went back.
-  const bool back = !std::is_sorted(photos.begin(), photos.end(),
-                                    [](const StepPhoto& a, const StepPhoto& b) { return a.from_ms < b.from_ms; });
+  // A camera's clock may jump or stand still: none is waited for longer than this, nor less where the clock cannot be
+  // right, since one photo is begun when the one before is exposed.
+  const auto lies = [](const StepPhoto& a, const StepPhoto& b) {
+    const double passed = b.from_ms - a.from_ms;
+    return !(passed >= 0.5 * a.exposure_ms && passed < 1e6);
+  };
   Appearance& at = arrival.appeared;
-  if (back && arrival.seen && photos.front().share <= kWholeChange) at = {kLongestLatencyMs, kLongestLatencyMs};
+  if (arrival.seen && photos.front().share <= kWholeChange &&
+      std::adjacent_find(photos.begin(), photos.end(), lies) != photos.end())
+    at = {kLongestLatencyMs, kLongestLatencyMs};
   at = {std::clamp(at.earliest_ms, 0.0, kLongestLatencyMs), std::clamp(at.latest_ms, 0.0, kLongestLatencyMs)};
   arrival.exposure_ms = photos.front().exposure_ms;
   arrival.settled = std::move(views.back());

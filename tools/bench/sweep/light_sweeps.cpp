@@ -148,20 +148,23 @@ Sweep flicker() {
 
 // Photos of the capture in which somebody stands, times the share of the picture that he hides [%].
 Result<double> hidden(const PredictorInput& in, Progress&) {
-  const double area = std::numbers::pi * 0.5 * fault_value(in.setting, "person-walks-in") * 0.55 * 0.75;
+  double area = 0;
+  for (const simdata::Fault& f : in.setting.in_capture) area += std::numbers::pi * 0.5 * f.value * 0.55 * 0.75;
   return 100 * area * 15 / frames_of(in.setting);
 }
 
 Sweep visitor() {
   const auto walk_in = [](std::uint64_t photo) {
-    return [=](double percent, SweepSetting& s) { add_fault(s, "person-walks-in", percent / 100, photo); };
+    return [=](double percent, SweepSetting& s) {
+      if (percent > 0) add_fault(s.in_capture, "person-walks-in", percent / 100, photo);
+    };
   };
   return {"visitor",
-          "Somebody crosses the picture during 15 photos",
+          "Somebody crosses the picture during 15 photos of the capture",
           "width of the person, % of the picture's",
           "hidden share of all photos, %",
           hidden,
-          {{"during the first projector's code", {2, 5, 12, 30}, {12}, walk_in(30)},
+          {{"during the first projector's code", {0, 5, 12, 30}, {12}, walk_in(30)},
            {"during the second one's", {5, 12}, {}, walk_in(60)},
            {"during the frames of light", {2, 5, 12, 30}, {}, walk_in(80)}},
           {}};

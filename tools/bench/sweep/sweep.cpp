@@ -126,8 +126,11 @@ class Job {
 bool Job::calibrate(SweepPoint& point) {
   Listener listener;
   const Rig& rig = setting_.room.rig;
+  std::vector<simdata::Fault> faults = setting_.faults;
+  faults.insert(faults.end(), setting_.in_capture.begin(), setting_.in_capture.end());
   const auto captured =
-      capture::capture_session(rig, "", capture::default_sequence(rig), devices(), folder_ / "session", {}, listener);
+      capture::capture_session(rig, "", capture::default_sequence(rig), simdata::simulated_devices(simulator_, faults),
+                               folder_ / "session", {}, listener);
   point.notes = listener.first();
   if (!captured) {
     point.refusal = "capture: " + captured.error().message;

@@ -19,10 +19,12 @@ struct SweepSetting {
   simdata::RigAndRoom room;
   Device lens;                         // of the camera, as it is handed over; the true one unless a sweep changes it
   std::vector<simdata::Fault> faults;  // act in every stage; each stage counts its photos from 0
+  std::vector<simdata::Fault> in_capture = {};  // act while the session is captured, too; of a show
 };
 
 // One more fault, from that photo on.
 void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo = 0);
+void add_fault(std::vector<simdata::Fault>& faults, const std::string& name, double value, std::uint64_t photo);
 // Another room of full size takes the place of the setting's, with devices of as few pixels.
 void move_to(const simdata::RigAndRoom& room, SweepSetting& setting);
 

@@ -11,9 +11,12 @@
 
 namespace countershade::bench {
 
-void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo) {
+void add_fault(std::vector<simdata::Fault>& faults, const std::string& name, double value, std::uint64_t photo) {
   for (const simdata::FaultKind& kind : simdata::fault_kinds())
-    if (kind.name == name) setting.faults.push_back({&kind, value, photo});
+    if (kind.name == name) faults.push_back({&kind, value, photo});
+}
+void add_fault(SweepSetting& setting, const std::string& name, double value, std::uint64_t photo) {
+  add_fault(setting.faults, name, value, photo);
 }
 
 namespace {
