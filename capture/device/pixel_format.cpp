@@ -187,12 +187,13 @@ Result<Image> unpack(const PixelFormat& format, std::span<const std::byte> bytes
 
 double saturated_share(const Image& values, double full_scale) {
   const int channels = values.channels();
+  const auto limit = static_cast<float>(full_scale);
   std::size_t full = 0;
   if (channels == 1)
-    full = std::count_if(values.data().begin(), values.data().end(), [&](float x) { return x >= full_scale; });
+    full = std::count_if(values.data().begin(), values.data().end(), [=](float x) { return x >= limit; });
   for (std::size_t i = 0; channels > 1 && i < values.pixels(); ++i) {
     const float* v = values.data().data() + i * channels;
-    full += std::any_of(v, v + channels, [&](float x) { return x >= full_scale; });
+    full += std::any_of(v, v + channels, [=](float x) { return x >= limit; });
   }
   return static_cast<double>(full) / static_cast<double>(std::max<std::size_t>(1, values.pixels()));
 }
