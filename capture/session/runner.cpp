@@ -58,9 +58,14 @@ class Capture {
   Result<Bins> stored_pixels(int f, std::size_t c) const;
   Views bins_of(int f, const std::vector<Shot>& shots) const;
 
-  Result<std::string> moved(int f, std::vector<Shot> now);
+  struct Change {
+    std::string why;        // empty: there is none
+    bool is_shift = false;  // too small a shift for the light of blocks to tell
+  };
+  Result<Change> moved(int f, std::vector<Shot> now);
   Result<std::string> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
-  Result<std::string> view_changed();
+  std::vector<int> frames_to_compare(const std::string& projector) const;
+  Result<Change> view_changed();
   Result<void> set_aside();
   Result<void> take_all_again(const std::string& changed);
 
@@ -174,12 +179,12 @@ Result<void> Capture::start() {
   progress_.note(fmt::format("resuming: {} is photographed again and compared", judge_.name_of(reference)));
   CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[reference]));
   CS_TRY(std::vector<Shot> now, stage_.settle(pictures));
-  CS_TRY(const std::string why, moved(reference, std::move(now)));
-  if (!why.empty())
+  CS_TRY(const Change change, moved(reference, std::move(now)));
+  if (!change.why.empty())
     return error(ErrorCode::kRefused,
                  "{}: camera, projector or room moved: put them back as they were, or capture a new session in another "
                  "folder",
-                 why);
+                 change.why);
   return stage_.measure_latency(stage_.plain(0), pictures);  // the reference is not dark
 }
 
@@ -304,16 +309,19 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
 
 // ---- does the session still show what stands there? ----
 
-// Why the cameras cannot stand where they stood when frame f, which is shown, was stored; empty when they can. A camera
-// that shakes is given more photos to find back.
-Result<std::string> Capture::moved(int f, std::vector<Shot> now) {
+// Whether the cameras see frame f, which is shown, as it was stored. A camera that shakes is given more photos to find
+// back. Of stripes only shifts are judged: a small one turns all of their light.
+Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
+  const bool stripes = !sequence_.frames[f].role.axis.empty();
   double shake_px = 0, shake = 0;
   for (int photo = 0;; ++photo) {
-    std::string why = judge_.moved(f, views_of(now), shake);
-    if (why.empty()) {
-      CS_TRY(why, shifted(f, now, shake_px));
+    Change change;
+    if (!stripes) change.why = judge_.moved(f, views_of(now), shake);
+    if (change.why.empty()) {
+      CS_TRY(change.why, shifted(f, now, shake_px));
+      change.is_shift = true;
     }
-    if (why.empty() || photo == kShakePhotos) return why;
+    if (change.why.empty() || photo == kShakePhotos) return change;
     CS_TRY(std::vector<Shot> next, stage_.look());
     for (std::size_t c = 0; c < next.size(); ++c) {
       shake = std::max(shake, change_of_view(now[c].bins, next[c].bins).first);
@@ -324,6 +332,7 @@ Result<std::string> Capture::moved(int f, std::vector<Shot> now) {
   }
 }
 
+// Why a camera does not look where it looked; empty where all do.
 Result<std::string> Capture::shifted(int f, const std::vector<Shot>& now, double shake_px) const {
   for (std::size_t c = 0; c < stage_.cameras().size(); ++c) {
     CS_TRY(const Bins before, stored_pixels(f, c));
@@ -339,24 +348,37 @@ Result<std::string> Capture::shifted(int f, const std::vector<Shot>& now, double
   return std::string();
 }
 
-// Why the first bright frame of some projector is not seen as it was stored (one alone may have moved); empty where all
-// are.
-Result<std::string> Capture::view_changed() {
+// Frames that tell whether a projector and the cameras stand where they stood: its first bright one, since one
+// projector alone may have moved, and its first stripes on each axis, since a picture may shift where white does not.
+std::vector<int> Capture::frames_to_compare(const std::string& projector) const {
+  const auto of_this = [&](int f) {
+    const std::string& lit = sequence_.frames[f].role.projector;
+    return lit.empty() || lit == projector;
+  };
+  std::vector<int> chosen;
   const std::vector<int> telling = telling_frames();
-  for (const auto& [id, size] : sequence_.projectors) {
-    const auto of_this = [&](int f) {
-      const std::string& lit = sequence_.frames[f].role.projector;
-      return lit.empty() || lit == id;
-    };
-    const auto first = std::find_if(telling.begin(), telling.end(), of_this);
-    if (first == telling.end()) continue;
-    CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[*first]));
-    CS_TRY_VOID(stage_.show_for_photo(pictures, stage_.shows(), 1));
-    CS_TRY(std::vector<Shot> now, stage_.look());
-    CS_TRY(const std::string why, moved(*first, std::move(now)));
-    if (!why.empty()) return why;
-  }
-  return std::string();
+  const auto bright = std::find_if(telling.begin(), telling.end(), of_this);
+  if (bright != telling.end()) chosen.push_back(*bright);
+  for (const char* axis : {"x", "y"})
+    for (int f = 0; f < frames(); ++f)
+      if (complete(f) && of_this(f) && sequence_.frames[f].role.axis == axis) {
+        if (std::find(chosen.begin(), chosen.end(), f) == chosen.end()) chosen.push_back(f);
+        break;
+      }
+  return chosen;
+}
+
+// Whether such frames of all projectors are still seen as they were stored.
+Result<Capture::Change> Capture::view_changed() {
+  for (const auto& [id, size] : sequence_.projectors)
+    for (const int f : frames_to_compare(id)) {
+      CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[f]));
+      CS_TRY_VOID(stage_.show_for_photo(pictures, stage_.shows(), 1));
+      CS_TRY(std::vector<Shot> now, stage_.look());
+      CS_TRY(Change change, moved(f, std::move(now)));
+      if (!change.why.empty()) return change;
+    }
+  return Change();
 }
 
 // The session's photos go where nobody takes them for the session's.
@@ -386,12 +408,19 @@ Result<void> Capture::take_all_again(const std::string& changed) {
                   frames(), (folder_ / "outdated").string(), changed));
   CS_TRY_VOID(set_aside());
   CS_TRY_VOID(take_all());
-  CS_TRY(const std::string again, view_changed());
-  if (again.empty()) return {};
+  CS_TRY(const Change again, view_changed());
+  if (again.why.empty()) return {};
+  if (again.is_shift) {  // nobody pushes twice: it gives way, and to take it a third time would not help
+    progress_.warn(fmt::format(
+        "the view goes on shifting while photos are taken ({}): what is decoded is as much beside; find what "
+        "gives way (stand, mount, a projector that warms up), and capture again in another folder",
+        again.why));
+    return {};
+  }
   return error(ErrorCode::kRefused,
                "the view changed again while photos were taken: camera, projectors and room must stand still and the "
                "light must stay; then capture in another folder than '{}' ({})",
-               folder_.string(), again);
+               folder_.string(), again.why);
 }
 
 Result<void> Capture::take_missing() {
@@ -403,9 +432,9 @@ Result<void> Capture::take_missing() {
   const auto taken = take_all();
   if (!taken && !contradicted_) return taken;  // photos that contradict one another may be of two views
   const auto changed = view_changed();
-  if (!taken && (!changed || changed->empty())) return taken;
+  if (!taken && (!changed || changed->why.empty())) return taken;
   if (!changed) return changed.error();
-  if (!changed->empty()) CS_TRY_VOID(take_all_again(*changed));
+  if (!changed->why.empty()) CS_TRY_VOID(take_all_again(changed->why));
   if (options_.lateness != nullptr) *options_.lateness = stage_.lateness();
   if (stage_.lost() > 0)
     progress_.note(fmt::format("{} photos did not arrive whole and were taken again", stage_.lost()));

@@ -33,12 +33,14 @@ struct CaptureOptions {
 // one reference frame is photographed again and compared, and a camera that moved is an error (kRefused).
 //
 // Before the first photo black and white are shown in turns, and photographed until they are seen: how long that takes
-// by the camera's clock (a swap inside an exposure is told by its share of the change), at most, and as much more as it
-// varies, a refresh of the display at least, is waited between every picture and its photo; nothing where it takes no
-// time. A photo that still shows the former frame (its change against the former photo contradicts the pattern) is
-// retaken. A Gray code frame and its inverse must add up to white + black (light adds); a pair that does not is
-// retaken, both. After the last one the first bright frame of each projector is photographed again: where one shows
-// something else, all photos are moved to `folder`/outdated, and taken again, once.
+// by the camera's clock (a swap inside an exposure is told by its share of the change), at most, and a refresh of the
+// display more, is waited between every picture and its photo; nothing where it takes no time. The next picture is
+// shown before a photo is stored. A photo that still shows the former frame (its change against the former photo
+// contradicts the pattern) is retaken. A Gray code frame and its inverse must add up to white + black (light adds); a
+// pair that does not is retaken, both. After the last one the first bright frame and the first stripes of each
+// projector are photographed again: where one shows something else, or the same elsewhere (view_shift.h), all photos
+// are moved to `folder`/outdated, and taken again, once. A view that goes on shifting is warned of then, one that
+// changes is refused.
 //
 // rig_toml and simulation_toml are the texts to store (simulation_toml may be empty). Errors: kExists (another rig or
 // sequence stands there), kDevice, kIo, kBadValue (sequence and rig disagree), kRefused (the camera moved, or another

@@ -180,8 +180,8 @@ capture::Exposure Simulator::expose(int camera, const Image& light, double expos
   return simdata::expose(light, state_->views[camera]->spec(), spec, exposure_ms, sensor ^ mix(draw), sensor);
 }
 
-TrueGeometry Simulator::geometry(int camera) const {
-  const View& view = *state_->views.at(camera);
+TrueGeometry Simulator::geometry(int camera, const View* moved) const {
+  const View& view = moved != nullptr ? *moved : *state_->views.at(camera);
   const int width = view.spec().resolution[0], height = view.spec().resolution[1];
   constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
   const Image nothing(width, height, 1, kNaN);

@@ -47,7 +47,8 @@ class Simulator {
   const Screen& screen() const;
   // Full-scale units per radiosity 1 (reference irradiance, albedo 1) of a camera at the middle of its picture.
   double scale(int camera) const;
-  TrueGeometry geometry(int camera) const;
+  // From where the camera stands, or from where it was moved to (moved_view).
+  TrueGeometry geometry(int camera, const View* moved = nullptr) const;
   // pictures[q]: what projector q of the rig is sent; empty = black.
   TrueLight light(int camera, std::span<const Picture> pictures) const;
   // Direct and indirect light together, at less cost.

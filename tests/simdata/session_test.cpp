@@ -80,6 +80,22 @@ TEST(SimulatedSession, ACameraThatTurnsByHalfAPixelHasAllFramesTakenAgain) {
         << px;
 }
 
+// Its white looks the same.
+TEST(SimulatedSession, APictureThatShiftsOnItsProjectorHasAllFramesTakenAgain) {
+  const TemporaryFolder folder;
+  EXPECT_THAT(said_of(room_without_model(), "projector-nudged=1@60", folder / "session"),
+              ::testing::HasSubstr("frames are taken again"));
+}
+
+// To refuse it would leave the operator with nothing; calibrate says how far the view moved.
+TEST(SimulatedSession, ACameraThatGivesWayAllTheTimeIsCapturedWithAWarning) {
+  const auto room = room_without_model();
+  const TemporaryFolder folder;
+  const std::string said =
+      said_of(room, fmt::format("camera-drifts={}@0", degrees_of(room, 0.01)), folder / "session");  // .8 px in all
+  EXPECT_THAT(said, ::testing::HasSubstr("goes on shifting"));
+}
+
 TEST(SimulatedSession, ACameraThatTremblesIsNotThoughtMoved) {
   auto room = room_without_model();
   for (std::uint64_t seed = 1; seed <= 2; ++seed) {

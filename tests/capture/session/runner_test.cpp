@@ -182,8 +182,8 @@ TEST(CaptureSession, DisplayThatNeverChangesLeavesNoPhoto) {
 
 // Triggers: two to settle, seven times two until black and white are seen, then one a frame.
 constexpr int kFirst = 16;
-// And one at the end for each projector, of a frame of the beginning.
-constexpr int kLast = 2;
+// And at the end for each projector its first bright frame, and its first stripes on both axes.
+constexpr int kLast = 6;
 
 TEST(CaptureSession, InverseThatDoesNotAddUpIsRetaken) {
   fake::Scratch scratch("pair");

@@ -267,8 +267,8 @@ Result<Study> run_sweep(const Sweep& sweep, bool quick, const StudyContext& cont
       "departs from the fixed conditions: the documentation's room with 1/{} of its camera's pixels in each "
       "direction, one seed, {}",
       quick ? 4 : 3,
-      decoding ? "the code that the scene chooses; truth is the view before anything moved, of several projectors the "
-                 "worst"
+      decoding ? "the code that the scene chooses; truth is the view before somebody touched the camera, or after, "
+                 "whichever is nearer; of several projectors the worst"
                : "picture `photo`; residuals are the simulator's own light, without noise"));
   study.labels = {{"unit", sweep.unit},
                   {"predictor", sweep.predictor_name},
