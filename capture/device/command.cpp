@@ -1,7 +1,6 @@
 #include "capture/device/command.h"
 
 #include <fcntl.h>
-#include <poll.h>
 #include <signal.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -41,10 +40,20 @@ pid_t start(const std::string& line, int out) {
   _exit(127);
 }
 
+// What waits at a pipe.
+std::string waiting_at(int pipe) {
+  std::string text;
+  char part[4096];
+  for (ssize_t length = 0; (length = read(pipe, part, sizeof part)) > 0;)
+    text.append(part, static_cast<std::size_t>(length));
+  return text;
+}
+
 // Runs a line until it ends, not until those end that it left in the background.
 Result<Ended> run(const std::string& line, double timeout_s) {
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) return error(ErrorCode::kDevice, "no process can be started; close other programs");
+  fcntl(ends[0], F_SETFL, O_NONBLOCK);
   const double begun = now_s();
   const pid_t process = start(line, ends[1]);
   close(ends[1]);
@@ -52,20 +61,12 @@ Result<Ended> run(const std::string& line, double timeout_s) {
   int status = 0;
   bool over = process < 0, killed = false;
   while (!over) {
-    pollfd ready{ends[0], POLLIN, 0};
-    char text[4096];
-    const bool open = poll(&ready, 1, 20) > 0;
-    const ssize_t length = open ? read(ends[0], text, sizeof text) : 0;
-    if (length > 0) ended.said.append(text, static_cast<std::size_t>(length));
-    if (open && length <= 0) usleep(5000);  // it has closed its output and goes on
+    ended.said += waiting_at(ends[0]);
     over = waitpid(process, &status, WNOHANG) == process;
     if (!over && !killed && now_s() - begun > timeout_s) kill(-process, SIGKILL), killed = true;
+    if (!over) usleep(5000);
   }
-  for (char text[4096]; fcntl(ends[0], F_SETFL, O_NONBLOCK) == 0;) {
-    const ssize_t length = read(ends[0], text, sizeof text);
-    if (length <= 0) break;
-    ended.said.append(text, static_cast<std::size_t>(length));
-  }
+  ended.said += waiting_at(ends[0]);
   close(ends[0]);
   if (process < 0) return error(ErrorCode::kDevice, "no process can be started; close other programs");
   if (!killed) ended.exit_code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);

@@ -10,16 +10,16 @@
 
 #include "calib/base/check.h"
 #include "calib/image/image_file.h"
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 #include "capture/device/command.h"
 #include "capture/device/folder.h"
-#include "capture/device/libcamera.h"
-#include "capture/device/v4l2.h"
+#include "capture/device/video/libcamera.h"
+#include "capture/device/video/v4l2.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
-#include "tests/device/gige_camera.h"
-#include "tests/device/u3v_camera.h"
-#include "tests/device/uvc_camera.h"
+#include "tests/device/aravis/gige_camera.h"
+#include "tests/device/aravis/u3v_camera.h"
+#include "tests/device/video/uvc_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {

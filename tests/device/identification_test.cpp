@@ -1,5 +1,5 @@
 // Identification pictures on a true display.
-#include "tools/job/identification.h"
+#include "tools/job/check/identification.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

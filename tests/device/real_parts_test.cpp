@@ -9,10 +9,10 @@
 
 #include "calib/base/check.h"
 #include "calib/file/file.h"
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
-#include "tests/device/gige_camera.h"
+#include "tests/device/aravis/gige_camera.h"
 #include "tests/support/cli.h"
 #include "tests/support/xvfb.h"
 

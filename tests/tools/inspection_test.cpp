@@ -1,4 +1,4 @@
-#include "tools/job/inspection.h"
+#include "tools/job/check/inspection.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

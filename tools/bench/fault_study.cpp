@@ -9,7 +9,7 @@
 #include "simdata/room/rooms.h"
 #include "tools/bench/study.h"
 #include "tools/job/calibration.h"
-#include "tools/job/self_check.h"
+#include "tools/job/check/self_check.h"
 #include "tools/job/test_pictures.h"
 
 namespace countershade::bench {

@@ -8,14 +8,14 @@
 #include <sstream>
 
 #include "calib/file/file.h"
-#include "capture/device/aravis.h"
-#include "capture/device/libcamera.h"
-#include "capture/device/v4l2.h"
+#include "capture/device/aravis/aravis.h"
+#include "capture/device/video/libcamera.h"
+#include "capture/device/video/v4l2.h"
 #include "capture/device/window.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/check/identification.h"
+#include "tools/job/check/inspection.h"
 #include "tools/job/devices.h"
-#include "tools/job/identification.h"
-#include "tools/job/inspection.h"
 
 namespace countershade::tools {
 

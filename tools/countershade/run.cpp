@@ -5,9 +5,9 @@
 #include "calib/file/file.h"
 #include "tools/countershade/console.h"
 #include "tools/countershade/verbs.h"
+#include "tools/job/check/self_check.h"
 #include "tools/job/coded_capture.h"
 #include "tools/job/devices.h"
-#include "tools/job/self_check.h"
 #include "tools/job/verification.h"
 
 namespace countershade::tools {

@@ -4,10 +4,10 @@
 #include <cmath>
 
 #include "calib/photometry/response.h"
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 #include "capture/device/command.h"
-#include "capture/device/libcamera.h"
-#include "capture/device/v4l2.h"
+#include "capture/device/video/libcamera.h"
+#include "capture/device/video/v4l2.h"
 #include "capture/device/window.h"
 
 namespace countershade::tools {

@@ -6,8 +6,8 @@
 #include "calib/image/image_file.h"
 #include "tools/bench/decode/decode_trial.h"
 #include "tools/job/calibration.h"
+#include "tools/job/check/self_check.h"
 #include "tools/job/coded_capture.h"
-#include "tools/job/self_check.h"
 
 namespace countershade::bench {
 

@@ -3,8 +3,8 @@
 #include <mutex>
 
 #include "calib/image/image_file.h"
-#include "capture/device/aravis.h"
-#include "tests/device/gige_camera.h"
+#include "capture/device/aravis/aravis.h"
+#include "tests/device/aravis/gige_camera.h"
 #include "tools/bench/study.h"
 
 namespace countershade::bench {

@@ -1,6 +1,6 @@
 #ifdef __linux__
 
-#include "capture/device/v4l2_node.h"
+#include "capture/device/video/v4l2_node.h"
 
 #include <fcntl.h>
 #include <linux/videodev2.h>

@@ -1,4 +1,4 @@
-#include "tests/device/genicam.h"
+#include "tests/device/aravis/genicam.h"
 
 #include <fmt/format.h>
 

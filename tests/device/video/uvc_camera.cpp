@@ -1,4 +1,9 @@
-#include "tests/device/uvc_camera.h"
+#include "tests/device/video/uvc_camera.h"
+
+#include <fcntl.h>
+#include <linux/videodev2.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -221,6 +226,14 @@ std::optional<Bytes> UvcCamera::send(int endpoint, std::size_t room) {
   sent_ += pixels;
   if (last) photo_.clear();
   return piece;
+}
+
+int read_back(const std::string& node, std::uint32_t what) {
+  const int file = ::open(node.c_str(), O_RDWR);
+  v4l2_control control{what, 0};
+  const int failed = ioctl(file, VIDIOC_G_CTRL, &control);
+  close(file);
+  return failed ? -1 : control.value;
 }
 
 }  // namespace countershade::testing

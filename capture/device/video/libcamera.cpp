@@ -1,4 +1,4 @@
-#include "capture/device/libcamera.h"
+#include "capture/device/video/libcamera.h"
 
 #ifdef COUNTERSHADE_LIBCAMERA
 #include <libcamera/libcamera.h>
@@ -22,10 +22,10 @@
 #include <thread>
 
 #include "calib/base/check.h"
-#include "capture/device/photo_clock.h"
-#include "capture/device/photo_settings.h"
 #include "capture/device/pixel_format.h"
-#include "capture/device/v4l2_node.h"
+#include "capture/device/video/photo_clock.h"
+#include "capture/device/video/photo_settings.h"
+#include "capture/device/video/v4l2_node.h"
 
 namespace countershade::capture {
 

@@ -1,4 +1,4 @@
-#include "tests/device/u3v_camera.h"
+#include "tests/device/aravis/u3v_camera.h"
 
 #include <unistd.h>
 
@@ -6,7 +6,7 @@
 
 #include "calib/base/check.h"
 #include "capture/device/pixel_format.h"
-#include "tests/device/genicam.h"
+#include "tests/device/aravis/genicam.h"
 
 namespace countershade::testing {
 

@@ -1,19 +1,17 @@
 // Video4Linux2 with the kernel's true drivers: uvcvideo on a USB webcam that is a thread of this process, and vivid.
 // Both need modules that few machines have loaded: tests/device/guest/run has them.
-#include "capture/device/v4l2.h"
+#include "capture/device/video/v4l2.h"
 
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <mutex>
 
 #include "calib/base/random.h"
 #include "tests/device/usb_photo.h"
-#include "tests/device/uvc_camera.h"
+#include "tests/device/video/uvc_camera.h"
 
 namespace countershade {
 namespace {
@@ -44,26 +42,9 @@ class Webcam : public ::testing::Test {
     return open_v4l2_camera("left eye", listed().value().device, {.timeout_s = 1, .tries = tries});
   }
   static std::unique_ptr<Camera> armed(double exposure_ms = 10, int tries = 3) {
-    auto opened = open(tries);
-    EXPECT_TRUE(opened) << (opened ? "" : opened.error().message);
-    if (!opened) return nullptr;
-    const auto arm = (*opened)->arm(exposure_ms);
-    EXPECT_TRUE(arm) << (arm ? "" : arm.error().message);
-    return std::move(*opened);
+    return testing::armed(open(tries), exposure_ms);
   }
-  static int setting(std::uint32_t what) {
-    const int file = ::open(listed().value().device.c_str(), O_RDWR);
-    v4l2_control control{what, 0};
-    const int failed = ioctl(file, VIDIOC_G_CTRL, &control);
-    close(file);
-    return failed ? -1 : control.value;
-  }
-  static void expect_whole(const Exposure& e, double exposure_ms, int bits) {
-    ASSERT_TRUE(e.values.same_size(testing::kPhotoWidth, testing::kPhotoHeight));
-    EXPECT_EQ(e.full_scale, (1 << bits) - 1);
-    for (std::size_t i = 0; i < e.values.data().size(); ++i)
-      ASSERT_EQ(e.values.data()[i], testing::photo_value(i, exposure_ms) >> (16 - bits)) << i;
-  }
+  static int setting(std::uint32_t what) { return testing::read_back(listed().value().device, what); }
   std::unique_ptr<UvcCamera> camera_;
 };
 
@@ -91,7 +72,7 @@ TEST_F(Webcam, EveryPixelArrivesInTheFormatWithTheMostGreyValues) {
     for (int photo = 0; photo < 3; ++photo) {
       const auto taken = camera->trigger();
       ASSERT_TRUE(taken) << taken.error().message;
-      expect_whole(*taken, 10, c.bits);
+      testing::expect_whole(*taken, 10, c.bits);
       EXPECT_EQ(taken->counter, static_cast<std::uint64_t>(photo));
     }
     camera_->unplug();
@@ -147,7 +128,7 @@ TEST_F(Webcam, AnExposureThatActsLateIsWaitedFor) {
     ASSERT_TRUE(camera->arm(ms));
     const auto taken = camera->trigger();
     ASSERT_TRUE(taken) << taken.error().message;
-    expect_whole(*taken, ms, 16);
+    testing::expect_whole(*taken, ms, 16);
     EXPECT_EQ(taken->exposure_ms, ms);
   }
 }
@@ -185,7 +166,7 @@ TEST_F(Webcam, APhotoThatEndsHalfWayIsTakenAgain) {
   for (int i = 0; i < 12; ++i) {
     const auto taken = camera->trigger();
     ASSERT_TRUE(taken) << taken.error().message;
-    expect_whole(*taken, 10, 16);
+    testing::expect_whole(*taken, 10, 16);
     lost += taken->lost;
   }
   EXPECT_GT(lost, 0) << "and told";

@@ -1,4 +1,4 @@
-#include "tests/device/gige_camera.h"
+#include "tests/device/aravis/gige_camera.h"
 
 #include <arpa/inet.h>
 #include <fmt/format.h>
@@ -19,7 +19,7 @@
 
 #include "calib/base/check.h"
 #include "capture/device/pixel_format.h"
-#include "tests/device/genicam.h"
+#include "tests/device/aravis/genicam.h"
 
 namespace countershade::testing {
 

@@ -1,4 +1,4 @@
-#include "tools/bench/arv_loop.h"
+#include "tools/bench/capture/arv_loop.h"
 
 #ifdef COUNTERSHADE_ARAVIS
 #include <arv.h>

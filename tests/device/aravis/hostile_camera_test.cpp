@@ -7,9 +7,9 @@
 #include <atomic>
 #include <chrono>
 
-#include "capture/device/aravis.h"
-#include "tests/device/genicam.h"
-#include "tests/device/gige_camera.h"
+#include "capture/device/aravis/aravis.h"
+#include "tests/device/aravis/genicam.h"
+#include "tests/device/aravis/gige_camera.h"
 
 namespace countershade {
 namespace {

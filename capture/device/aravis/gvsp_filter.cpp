@@ -1,4 +1,4 @@
-#include "capture/device/gvsp_filter.h"
+#include "capture/device/aravis/gvsp_filter.h"
 
 #include <arpa/inet.h>
 #include <linux/filter.h>

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/job/self_check.h"
+#include "tools/job/check/self_check.h"
 
 namespace countershade::tools {
 

@@ -1,21 +1,19 @@
 // libcamera over the kernel's uvcvideo, on a USB webcam that is a thread of this process. It needs a running udevd and
 // a USB bus that the firmware knows: tests/device/guest/run has both.
-#include "capture/device/libcamera.h"
+#include "capture/device/video/libcamera.h"
 
-#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <linux/videodev2.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "calib/base/random.h"
-#include "capture/device/v4l2.h"
+#include "capture/device/video/v4l2.h"
 #include "tests/device/usb_photo.h"
-#include "tests/device/uvc_camera.h"
+#include "tests/device/video/uvc_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {
@@ -50,26 +48,11 @@ class Libcamera : public ::testing::Test {
     return std::nullopt;
   }
   static std::unique_ptr<Camera> armed(double exposure_ms = 10, int tries = 3) {
-    auto opened = open_libcamera_camera("left eye", "", {.timeout_s = 1, .tries = tries});
-    EXPECT_TRUE(opened) << (opened ? "" : opened.error().message);
-    if (!opened) return nullptr;
-    const auto arm = (*opened)->arm(exposure_ms);
-    EXPECT_TRUE(arm) << (arm ? "" : arm.error().message);
-    return std::move(*opened);
-  }
-  static int setting(const std::string& node, std::uint32_t what) {
-    const int file = ::open(node.c_str(), O_RDWR);
-    v4l2_control control{what, 0};
-    const int failed = ioctl(file, VIDIOC_G_CTRL, &control);
-    close(file);
-    return failed ? -1 : control.value;
+    return testing::armed(open_libcamera_camera("left eye", "", {.timeout_s = 1, .tries = tries}), exposure_ms);
   }
   static void expect_whole(const Exposure& e, double exposure_ms) {
-    ASSERT_TRUE(e.values.same_size(testing::kPhotoWidth, testing::kPhotoHeight));
-    EXPECT_EQ(e.full_scale, 255);
     EXPECT_EQ(e.exposure_ms, exposure_ms);
-    for (std::size_t i = 0; i < e.values.data().size(); ++i)
-      ASSERT_EQ(e.values.data()[i], testing::photo_value(i, exposure_ms) >> 8) << i;
+    testing::expect_whole(e, exposure_ms, 8);
   }
   std::unique_ptr<UvcCamera> camera_;
 };
@@ -137,15 +120,15 @@ TEST_F(Libcamera, WhateverChangesByItselfIsOffAfterOpening) {
   plug_in();
   if (IsSkipped()) return;
   const std::string node = listed()->nodes.at(0);
-  EXPECT_EQ(setting(node, V4L2_CID_POWER_LINE_FREQUENCY), 1);
-  EXPECT_EQ(setting(node, V4L2_CID_AUTO_WHITE_BALANCE), 1);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_POWER_LINE_FREQUENCY), 1);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_AUTO_WHITE_BALANCE), 1);
   ASSERT_TRUE(armed(20));
-  EXPECT_EQ(setting(node, V4L2_CID_EXPOSURE_AUTO), V4L2_EXPOSURE_MANUAL);
-  EXPECT_EQ(setting(node, V4L2_CID_EXPOSURE_ABSOLUTE), 200);
-  EXPECT_EQ(setting(node, V4L2_CID_AUTO_WHITE_BALANCE), 0);
-  EXPECT_EQ(setting(node, V4L2_CID_POWER_LINE_FREQUENCY), 0);
-  EXPECT_EQ(setting(node, V4L2_CID_SHARPNESS), 0);
-  EXPECT_EQ(setting(node, V4L2_CID_GAMMA), 100);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_EXPOSURE_AUTO), V4L2_EXPOSURE_MANUAL);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_EXPOSURE_ABSOLUTE), 200);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_AUTO_WHITE_BALANCE), 0);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_POWER_LINE_FREQUENCY), 0);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_SHARPNESS), 0);
+  EXPECT_EQ(testing::read_back(node, V4L2_CID_GAMMA), 100);
 }
 
 TEST_F(Libcamera, ExposuresThatItCannotDoAreRefusedAndNamed) {

@@ -5,13 +5,13 @@
 #include <map>
 
 #include "calib/file/file.h"
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 #include "capture/pattern/pattern.h"
 #include "capture/session/runner.h"
 #include "capture/session/session_folder.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
-#include "tests/device/gige_camera.h"
+#include "tests/device/aravis/gige_camera.h"
 #include "tests/support/cli.h"
 
 namespace countershade {

@@ -52,4 +52,7 @@ class UvcCamera final : public UsbDevice {
   std::atomic<int> photos_{0};
 };
 
+// What the driver of a /dev/video node says of a setting (V4L2_CID_...); -1 where it says nothing.
+int read_back(const std::string& node, std::uint32_t what);
+
 }  // namespace countershade::testing

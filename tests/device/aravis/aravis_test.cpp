@@ -1,12 +1,12 @@
 // GigE Vision through Aravis, with real packets, on a network of the test's own.
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
 
-#include "tests/device/gige_camera.h"
+#include "tests/device/aravis/gige_camera.h"
 
 namespace countershade {
 namespace {

@@ -1,4 +1,4 @@
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 
 #ifdef COUNTERSHADE_ARAVIS
 #include <arv.h>
@@ -10,8 +10,8 @@
 #include <mutex>
 
 #include "calib/base/check.h"
-#include "capture/device/genicam_check.h"
-#include "capture/device/gvsp_filter.h"
+#include "capture/device/aravis/genicam_check.h"
+#include "capture/device/aravis/gvsp_filter.h"
 #include "capture/device/pixel_format.h"
 
 namespace countershade::capture {

@@ -1,4 +1,4 @@
-#include "capture/device/photo_clock.h"
+#include "capture/device/video/photo_clock.h"
 
 #include <gtest/gtest.h>
 

@@ -1,4 +1,4 @@
-#include "capture/device/genicam_check.h"
+#include "capture/device/aravis/genicam_check.h"
 
 #ifdef COUNTERSHADE_ARAVIS
 

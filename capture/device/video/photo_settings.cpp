@@ -1,4 +1,4 @@
-#include "capture/device/photo_settings.h"
+#include "capture/device/video/photo_settings.h"
 
 #include <fmt/format.h>
 

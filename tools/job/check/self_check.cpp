@@ -1,4 +1,4 @@
-#include "tools/job/self_check.h"
+#include "tools/job/check/self_check.h"
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include "tools/job/identification.h"
+#include "tools/job/check/identification.h"
 
 #include <algorithm>
 #include <chrono>

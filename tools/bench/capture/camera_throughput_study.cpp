@@ -6,12 +6,12 @@
 #include <thread>
 
 #include "calib/image/image_file.h"
-#include "capture/device/aravis.h"
+#include "capture/device/aravis/aravis.h"
 #include "capture/pattern/pattern.h"
 #include "capture/session/live_decoding.h"
 #include "capture/session/session_folder.h"
-#include "tests/device/gige_camera.h"
-#include "tools/bench/arv_loop.h"
+#include "tests/device/aravis/gige_camera.h"
+#include "tools/bench/capture/arv_loop.h"
 #include "tools/bench/study.h"
 
 namespace countershade::bench {

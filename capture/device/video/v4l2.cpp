@@ -1,4 +1,4 @@
-#include "capture/device/v4l2.h"
+#include "capture/device/video/v4l2.h"
 
 #ifdef __linux__
 #include <linux/videodev2.h>
@@ -15,9 +15,9 @@
 #include <optional>
 
 #include "calib/base/check.h"
-#include "capture/device/photo_clock.h"
 #include "capture/device/pixel_format.h"
-#include "capture/device/v4l2_node.h"
+#include "capture/device/video/photo_clock.h"
+#include "capture/device/video/v4l2_node.h"
 
 namespace countershade::capture {
 
