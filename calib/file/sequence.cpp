@@ -205,6 +205,30 @@ Wrong read_frames(const json& j, Sequence& sequence) {
   return std::nullopt;
 }
 
+Wrong read_identity(const json& j, Sequence& sequence) {
+  if (!j.is_array()) return "'identity' is no list of squares";
+  for (std::size_t i = 0; i < j.size(); ++i) {
+    if (!j[i].is_object()) return fmt::format("entry {} of 'identity' is no object", i);
+    IdentityMark mark;
+    if (Wrong wrong = read_string(j[i], "projector", mark.projector)) return wrong;
+    for (const auto& [key, out] :
+         {std::pair("x", &mark.x), std::pair("y", &mark.y), std::pair("side_px", &mark.side_px)})
+      if (Wrong wrong = read_whole(j[i], key, *out)) return fmt::format("entry {} of 'identity': {}", i, *wrong);
+    const auto on = std::find_if(sequence.projectors.begin(), sequence.projectors.end(),
+                                 [&](const auto& p) { return p.first == mark.projector; });
+    if (on == sequence.projectors.end())
+      return fmt::format("entry {} of 'identity': projector '{}' is none of those under 'projectors'", i,
+                         mark.projector);
+    const auto [width, height] = on->second;
+    if (mark.side_px < 1 || mark.x < 0 || mark.y < 0 || mark.x > width - mark.side_px || mark.y > height - mark.side_px)
+      return fmt::format(
+          "entry {} of 'identity': a square of {} px at ({}, {}) does not lie in the {} x {} pixels of '{}'", i,
+          mark.side_px, mark.x, mark.y, width, height, mark.projector);
+    sequence.identity.push_back(mark);
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::string Role::name() const {
@@ -239,6 +263,7 @@ Result<Sequence> read_sequence(const std::filesystem::path& path) {
   Sequence sequence;
   Wrong wrong = read_projectors(j.value("projectors", json()), sequence);
   if (!wrong) wrong = read_frames(j.value("frames", json()), sequence);
+  if (!wrong && j.contains("identity")) wrong = read_identity(j.at("identity"), sequence);
   if (wrong) return error(ErrorCode::kBadFile, "'{}': {}", path.string(), *wrong);
   return sequence;
 }
@@ -251,8 +276,12 @@ std::string sequence_text(const Sequence& sequence) {
   for (const Frame& f : sequence.frames)
     frames += (frames.empty() ? "\n  " : ",\n  ") +
               json{{"index", f.index}, {"role", json_of(f.role)}}.dump(-1, ' ', false, json::error_handler_t::replace);
-  return fmt::format("{{\n \"format_version\": 1,\n \"projectors\": {},\n \"frames\": [{}\n ]\n}}\n", projectors.dump(),
-                     frames);
+  json marks = json::array();
+  for (const IdentityMark& m : sequence.identity)
+    marks.push_back({{"projector", m.projector}, {"x", m.x}, {"y", m.y}, {"side_px", m.side_px}});
+  const std::string identity = marks.empty() ? "" : fmt::format(" \"identity\": {},\n", marks.dump());
+  return fmt::format("{{\n \"format_version\": 1,\n \"projectors\": {},\n{} \"frames\": [{}\n ]\n}}\n",
+                     projectors.dump(), identity, frames);
 }
 
 }  // namespace countershade

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "calib/file/file.h"
 #include "calib/file/photo_probe.h"
@@ -154,6 +155,47 @@ Result<void> check_photos(const fs::path& folder, const Rig& rig, const CameraSp
   return {};
 }
 
+// ---- what photos show besides the frames ----
+
+Result<UnusedParts> read_unused(const fs::path& folder, const Rig& rig) {
+  const fs::path path = folder / "unused.json";
+  std::error_code reason;
+  if (!fs::exists(path, reason)) return UnusedParts();
+  CS_TRY(const std::string text, read_text(path));
+  UnusedParts unused;
+  try {
+    const nlohmann::json document = nlohmann::json::parse(text);
+    for (const auto& [camera, polygons] : document.at("cameras").items()) {
+      if (rig.camera(camera) == nullptr)
+        return error(ErrorCode::kBadFile, "'{}': rig.toml has no camera '{}'; correct the name", path.string(), camera);
+      for (const auto& polygon : polygons) {
+        auto& corners = unused[camera].emplace_back();
+        for (const auto& corner : polygon) corners.emplace_back(corner.at(0).get<double>(), corner.at(1).get<double>());
+        const bool sane = corners.size() >= 3 && std::all_of(corners.begin(), corners.end(), [](const auto& q) {
+                            return q.allFinite() && q.cwiseAbs().maxCoeff() < 1e6;
+                          });
+        if (!sane)
+          return error(ErrorCode::kBadFile, "'{}': a polygon of camera '{}' has {} corners or one beyond every photo",
+                       path.string(), camera, corners.size());
+      }
+    }
+  } catch (const nlohmann::json::exception& e) {
+    return error(ErrorCode::kBadFile, "'{}' is not {{\"cameras\": {{id: [[[x, y], ...], ...]}}}}: {}", path.string(),
+                 e.what());
+  }
+  return unused;
+}
+
+void invalidate(Mask& valid, const std::vector<std::vector<Eigen::Vector2d>>& polygons) {
+  cv::Mat view(valid.height(), valid.width(), CV_8U, valid.data().data());
+  for (const auto& polygon : polygons) {
+    std::vector<cv::Point> corners;
+    for (const Eigen::Vector2d& q : polygon)
+      corners.emplace_back(static_cast<int>(std::lround(q.x())), static_cast<int>(std::lround(q.y())));
+    cv::fillPoly(view, std::vector{corners}, cv::Scalar(0));
+  }
+}
+
 // ---- reading ----
 
 // Sum of what the exposures collected over the time they collected it, in units of full scale at the reference
@@ -227,6 +269,7 @@ Result<Session> Session::open_unfinished(const fs::path& folder) {
   CS_TRY(session.rig_, read_rig(folder / "rig.toml"));
   CS_TRY(session.sequence_, read_sequence(folder / "sequence.json"));
   CS_TRY_VOID(check_projectors(folder, session.rig_, session.sequence_));
+  CS_TRY(session.unused_, read_unused(folder, session.rig_));
   return session;
 }
 
@@ -256,8 +299,11 @@ Result<Photo> Session::photo(const std::string& camera, int index) const {
                          fmt::format("'{}' does not say its exposure, as in 0007_8.0ms.png", stored.path.string()));
     photos.push_back(std::move(photo));
   }
-  if (photos.size() == 1) return std::move(photos[0]);
-  return merge(photos, spec->exposures_ms.empty() ? photos[0].exposure_ms : spec->exposures_ms[0]);
+  Photo merged = photos.size() == 1
+                     ? std::move(photos[0])
+                     : merge(photos, spec->exposures_ms.empty() ? photos[0].exposure_ms : spec->exposures_ms[0]);
+  if (const auto unused = unused_.find(camera); unused != unused_.end()) invalidate(merged.valid, unused->second);
+  return merged;
 }
 
 Result<Photo> read_photo(const fs::path& path, const CameraSpec& camera) {
@@ -308,6 +354,17 @@ Result<void> write_session_header(const fs::path& folder, const Rig& rig, const 
   if (!simulation_toml.empty()) CS_TRY_VOID(write_atomically(folder / "simulation.toml", simulation_toml));
   CS_TRY_VOID(write_atomically(folder / "sequence.json", sequence_text(sequence)));
   return write_atomically(folder / "session.json", "{\"format_version\": 1}\n");
+}
+
+Result<void> write_unused(const fs::path& folder, const UnusedParts& unused) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
+  for (const auto& [camera, polygons] : unused)
+    for (const auto& polygon : polygons) {
+      auto corners = nlohmann::ordered_json::array();
+      for (const Eigen::Vector2d& q : polygon) corners.push_back({q.x(), q.y()});
+      cameras[camera].push_back(corners);
+    }
+  return write_atomically(folder / "unused.json", nlohmann::ordered_json{{"cameras", cameras}}.dump() + "\n");
 }
 
 }  // namespace countershade

@@ -4,11 +4,14 @@
 //   session/simulation.toml   only for simulated sessions; read by the simulator alone
 //   session/sequence.json     the frames in order (CONTRACT, `patterns/`)
 //   session/photos/<camera>/0007.tif     stored values as the camera gave them
+//   session/unused.json       where the photos show something else than the frames, e.g. marks of identity
 //   session/session.json      format_version
 #pragma once
 
+#include <Eigen/Core>
 #include <array>
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -49,12 +52,26 @@ struct Frame {
   Role role;
 };
 
+// A square of every picture of a projector that holds a tag instead: it says which frame is shown (capture's
+// identity.h).
+struct IdentityMark {
+  std::string projector;
+  int x = 0, y = 0;  // first column and row
+  int side_px = 0;
+  bool operator==(const IdentityMark&) const = default;
+};
+
 struct Sequence {
   std::vector<std::pair<std::string, std::array<int, 2>>> projectors;  // id, resolution
   std::vector<Frame> frames;
+  std::vector<IdentityMark> identity;  // empty: pictures are whole
 };
 
-// Errors: kBadFile with the frame's index for an unknown axis, a missing field, indices that repeat.
+// Per camera: polygons in its photos [px].
+using UnusedParts = std::map<std::string, std::vector<std::vector<Eigen::Vector2d>>>;
+
+// Errors: kBadFile with the frame's index for an unknown axis, a missing field, indices that repeat; marks of identity
+// that leave the picture.
 // Kinds of role that this program does not know are kept; who cannot use them skips them.
 Result<Sequence> read_sequence(const std::filesystem::path& path);
 std::string sequence_text(const Sequence& sequence);
@@ -71,7 +88,8 @@ class Session {
   const Sequence& sequence() const { return sequence_; }
   const std::filesystem::path& folder() const { return folder_; }
   // Linear photo of frame `index`: pedestal subtracted, response undone, 1 = full scale. Several exposures are merged,
-  // in units of full scale at the camera's first listed exposure; valid where one of them is not saturated.
+  // in units of full scale at the camera's first listed exposure; valid where one of them is not saturated and the
+  // session does not call it unused.
   Result<Photo> photo(const std::string& camera, int index) const;
   std::filesystem::path photo_path(const std::string& camera, int index) const;  // first exposure
 
@@ -79,6 +97,7 @@ class Session {
   std::filesystem::path folder_;
   Rig rig_;
   Sequence sequence_;
+  UnusedParts unused_;
 };
 
 // What a session folder begins with: rig.toml (lens models copied to models/<id>.cameramodel, a projector's to
@@ -86,6 +105,9 @@ class Session {
 // session.json, photos/. Errors: kBadFile (a model is missing), kIo.
 Result<void> write_session_header(const std::filesystem::path& folder, const Rig& rig,
                                   const std::string& simulation_toml, const Sequence& sequence);
+
+// Writes unused.json beside it. Errors: kIo.
+Result<void> write_unused(const std::filesystem::path& folder, const UnusedParts& unused);
 
 // The linear photo of one stored file of a camera. Invalid: a channel at 0.995 of full scale or more, or not finite. A
 // float file has no full scale of its own: one that goes beyond 1 is saturated nowhere unless the camera states it.

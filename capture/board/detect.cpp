@@ -1,10 +1,5 @@
 #include "capture/board/detect.h"
 
-extern "C" {
-#include <apriltag/apriltag.h>
-#include <apriltag/tag36h11.h>
-}
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,6 +7,8 @@ extern "C" {
 #include <opencv2/aruco.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgproc.hpp>
+
+#include "capture/board/tags.h"
 
 namespace countershade::capture {
 
@@ -22,46 +19,22 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 using Quad = std::array<cv::Point2f, 4>;  // corners of a marker: top left, top right, bottom right, bottom left
 using Markers = std::map<int, Quad>;
 
-// 8 bits, the brightest thousandth white: detectors work on these.
-cv::Mat grey8(const Image& photo) {
-  const Image grey = luminance_mean(photo);
-  std::vector<float> sorted;
-  for (float v : grey.data())
-    if (std::isfinite(v)) sorted.push_back(v);
-  cv::Mat picture(grey.height(), grey.width(), CV_8U, cv::Scalar(0));
-  if (sorted.empty()) return picture;
-  const std::size_t rank = sorted.size() - 1 - sorted.size() / 1000;
-  std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(rank), sorted.end());
-  const float scale = sorted[rank] > 0 ? 255 / sorted[rank] : 1;
-  for (int y = 0; y < grey.height(); ++y)
-    for (int x = 0; x < grey.width(); ++x)
-      picture.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(scale * grey.at(x, y));  // a NaN becomes 0
-  return picture;
+// A tag that is there twice says nothing.
+Markers find_markers(const Mask& grey) {
+  Markers markers;
+  std::vector<int> twice;
+  for (const Tag& tag : find_tags(grey, TagFamily::k36h11)) {
+    Quad quad;
+    for (int k = 0; k < 4; ++k)
+      quad[k] = cv::Point2f(static_cast<float>(tag.corners[k].x()), static_cast<float>(tag.corners[k].y()));
+    if (!markers.emplace(tag.id, quad).second) twice.push_back(tag.id);
+  }
+  for (int id : twice) markers.erase(id);
+  return markers;
 }
 
-Markers find_tags(const cv::Mat& grey) {
-  apriltag_family_t* family = tag36h11_create();
-  apriltag_detector_t* detector = apriltag_detector_create();
-  apriltag_detector_add_family_bits(detector, family, 1);
-  detector->quad_decimate = grey.total() > 6'000'000 ? 2 : 1;
-  detector->nthreads = 1;
-  image_u8_t picture{.width = grey.cols, .height = grey.rows, .stride = static_cast<int>(grey.step), .buf = grey.data};
-  zarray_t* found = apriltag_detector_detect(detector, &picture);
-  Markers tags;
-  std::vector<int> twice;
-  for (int i = 0; i < zarray_size(found); ++i) {
-    apriltag_detection_t* tag = nullptr;
-    zarray_get(found, i, &tag);
-    Quad quad;  // the library begins at the bottom left and goes to the bottom right; its pixels begin at the corner
-    for (int k = 0; k < 4; ++k)
-      quad[k] = cv::Point2f(static_cast<float>(tag->p[3 - k][0] - 0.5), static_cast<float>(tag->p[3 - k][1] - 0.5));
-    if (!tags.emplace(tag->id, quad).second) twice.push_back(tag->id);
-  }
-  for (int id : twice) tags.erase(id);
-  apriltag_detections_destroy(found);
-  apriltag_detector_destroy(detector);
-  tag36h11_destroy(family);
-  return tags;
+cv::Mat view_of(const Mask& grey) {
+  return {grey.height(), grey.width(), CV_8U, const_cast<std::uint8_t*>(grey.data().data())};
 }
 
 Markers find_aruco(const cv::Mat& grey, int bits) {
@@ -321,16 +294,18 @@ Detection find_chessboard(const cv::Mat& grey, const Board& board) {
 }  // namespace
 
 Detection detect_board(const Image& photo, const Board& board) {
-  const cv::Mat grey = grey8(photo);
+  const Mask light = grey8(photo);
+  const cv::Mat grey = view_of(light);
   if (board.kind == BoardKind::kChessboard) return find_chessboard(grey, board);
-  if (board.kind == BoardKind::kAprilTag) return from_markers(grey, board, find_tags(grey));
+  if (board.kind == BoardKind::kAprilTag) return from_markers(grey, board, find_markers(light));
   return from_markers(grey, board, find_aruco(grey, board.marker_bits));
 }
 
 std::optional<Board> recognise_board(const Image& photo) {
-  const cv::Mat grey = grey8(photo);
+  const Mask light = grey8(photo);
+  const cv::Mat grey = view_of(light);
   Board best;
-  Markers most = find_tags(grey);
+  Markers most = find_markers(light);
   for (int bits : {4, 5, 6}) {
     const Markers markers = find_aruco(grey, bits);
     if (markers.size() <= most.size()) continue;

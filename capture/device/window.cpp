@@ -3,7 +3,9 @@
 #define GLFW_INCLUDE_GLEXT
 #include <GLFW/glfw3.h>
 
+#include <array>
 #include <cctype>
+#include <cmath>
 #include <utility>
 
 #include "capture/device/display.h"
@@ -26,11 +28,45 @@ Result<void> connect() {
                glfw_reason());
 }
 
+// Night light, colour profiles and brightness sliders of the desktop change what leaves the computer. A table of zeros
+// is none: displays without a monitor have it.
+std::string altered_colours(GLFWmonitor* monitor) {
+  const GLFWgammaramp* ramp = glfwGetGammaRamp(monitor);
+  glfwGetError(nullptr);  // not every window system tells
+  if (ramp == nullptr || ramp->size < 2) return "";
+  const std::array<const unsigned short*, 3> channels{ramp->red, ramp->green, ramp->blue};
+  const unsigned last = ramp->size - 1;
+  double worst = 0, lit = 0;
+  for (const unsigned short* c : channels)
+    for (unsigned i = 0; i <= last; ++i) {
+      worst = std::max(worst, std::abs(c[i] / 65535.0 - static_cast<double>(i) / last));
+      lit += c[i];
+    }
+  if (worst < 0.02 || lit == 0) return "";
+  const auto percent = [&](unsigned i) {
+    return fmt::format("{:.0f}, {:.0f}, {:.0f}", channels[0][i] / 655.35, channels[1][i] / 655.35,
+                       channels[2][i] / 655.35);
+  };
+  return fmt::format(
+      "the desktop changes its colours (white leaves as {} %, half as {} %): switch night light, colour profile and "
+      "brightness of the desktop off (xrandr --gamma 1:1:1 --brightness 1)",
+      percent(last), percent(last / 2));
+}
+
+std::string altered_scale(GLFWmonitor* monitor) {
+  float x = 1, y = 1;
+  glfwGetMonitorContentScale(monitor, &x, &y);
+  if (std::abs(x - 1) < 0.01 && std::abs(y - 1) < 0.01) return "";
+  return fmt::format("the desktop enlarges what it shows {:.2f} times: set its scaling to 100 %", x);
+}
+
 Monitor describe(GLFWmonitor* monitor) {
   const GLFWvidmode* mode = glfwGetVideoMode(monitor);
   const char* name = glfwGetMonitorName(monitor);
+  const std::string colours = altered_colours(monitor), scale = altered_scale(monitor);
   return {name != nullptr ? name : "", mode ? mode->width : 0, mode ? mode->height : 0,
-          mode ? static_cast<double>(mode->refreshRate) : 0.0};
+          mode ? static_cast<double>(mode->refreshRate) : 0.0,
+          fmt::format("{}{}{}", colours, colours.empty() || scale.empty() ? "" : "; ", scale)};
 }
 
 Result<GLFWmonitor*> find_monitor(const std::string& projector, const std::string& name, int width, int height) {

@@ -9,6 +9,7 @@ struct Monitor {
   std::string name;  // the output's name as the window system gives it, e.g. "HDMI-1"
   int width = 0, height = 0;
   double refresh_hz = 0;  // 0 = unknown
+  std::string trap = {};  // what the desktop says that it does to pictures (colours, scale); empty: nothing
 };
 
 // Monitors of the running display. Error: kDevice when there is no display to connect to.

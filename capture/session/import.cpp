@@ -11,6 +11,7 @@
 #include "calib/image/image_file.h"
 #include "capture/diagnose/diagnose.h"
 #include "capture/session/frame_check.h"
+#include "capture/session/identify.h"
 #include "capture/session/runner.h"
 #include "capture/session/session_folder.h"
 
@@ -66,6 +67,7 @@ class Import {
   Result<void> read();
   Result<void> check_content() const;
   Result<void> copy_to(const fs::path& folder) const;
+  const UnusedParts& unused() const { return unused_; }
 
  private:
   using Found = std::map<std::pair<int, std::string>, fs::path>;  // index and exposure of each photo of a camera
@@ -75,6 +77,7 @@ class Import {
   Result<fs::path> folder_of(const CameraSpec& camera) const;
   Result<Found> scan(const fs::path& folder);
   Result<void> match(std::size_t camera, const fs::path& folder, const Found& found);
+  Result<void> identify(std::size_t camera, const fs::path& folder);
   Error missing(const fs::path& folder, int position, const std::string& exposure, int count, std::size_t of) const;
   const PhotoFile* first(std::size_t camera, int position) const;
   Result<void> check_light(std::size_t camera) const;
@@ -89,6 +92,7 @@ class Import {
   Progress& progress_;
   std::vector<PhotoFile> files_;
   std::set<std::string> other_types_;  // extensions seen that are no photos to us
+  UnusedParts unused_;
 };
 
 // ---- which files there are ----
@@ -172,9 +176,43 @@ Result<void> Import::match(std::size_t camera, const fs::path& folder, const Fou
   return {};
 }
 
+// Photos of pictures that say themselves which frame they are.
+Result<void> Import::identify(std::size_t camera, const fs::path& folder) {
+  std::vector<fs::path> paths;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.is_regular_file() && is_photo_type(entry.path())) paths.push_back(entry.path());
+  std::sort(paths.begin(), paths.end(), natural_less);
+  CS_TRY(const Identified found, identify_photos(sequence_, paths, rig_.cameras[camera], progress_));
+  const std::string counts = fmt::format(
+      "camera '{}' sees {} marks of identity; of {} photos {} show two frames, and in {} no mark of some projector can "
+      "be read",
+      rig_.cameras[camera].id, found.marks, paths.size(), found.mixed, found.unread);
+  std::vector<std::string> absent;
+  for (int position = 0; position < static_cast<int>(sequence_.frames.size()); ++position) {
+    if (found.photos[position].empty())
+      absent.push_back(frame_name(position));
+    else
+      files_.push_back({camera, position, "", found.photos[position], 0, 0, 0, {}, {}});
+  }
+  progress_.note(counts);
+  unused_[rig_.cameras[camera].id] = found.unused;
+  if (absent.empty()) return {};
+  constexpr std::size_t kNamed = 5;
+  const std::size_t more = absent.size() - std::min(absent.size(), kNamed);
+  absent.resize(absent.size() - more);
+  return error(ErrorCode::kBadFile,
+               "no photo in '{}' shows {}{} alone ({}). Show these pictures for longer than two exposures, photograph "
+               "them, put the photos to the others, and import again",
+               folder.string(), fmt::join(absent, ", "), more > 0 ? fmt::format(" and {} more", more) : "", counts);
+}
+
 Result<void> Import::find() {
   for (std::size_t c = 0; c < rig_.cameras.size(); ++c) {
     CS_TRY(const fs::path folder, folder_of(rig_.cameras[c]));
+    if (!sequence_.identity.empty()) {
+      CS_TRY_VOID(identify(c, folder));
+      continue;
+    }
     CS_TRY(const Found found, scan(folder));
     CS_TRY_VOID(match(c, folder, found));
   }
@@ -365,6 +403,7 @@ Result<void> import_session(const Rig& rig, const Sequence& sequence, const fs::
       folder,
       [&](const fs::path& draft) -> Result<void> {
         CS_TRY_VOID(write_session_header(draft, rig, "", sequence));
+        if (!import.unused().empty()) CS_TRY_VOID(write_unused(draft, import.unused()));
         return import.copy_to(draft);
       },
       record);

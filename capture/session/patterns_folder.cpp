@@ -1,6 +1,7 @@
 // write_patterns: the pictures of a sequence as files, for whoever shows and photographs them by hand.
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
+#include "capture/pattern/identity.h"
 #include "capture/pattern/pattern.h"
 
 namespace countershade::capture {
@@ -9,14 +10,16 @@ namespace fs = std::filesystem;
 
 namespace {
 
-Result<void> write_frame(const Sequence& sequence, const Frame& frame, const fs::path& folder) {
+Result<void> write_frame(const Sequence& sequence, int position, const fs::path& folder) {
   std::error_code reason;
   fs::create_directories(folder, reason);
   if (reason)
     return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions",
                  folder.string(), reason.message());
-  for (const auto& [id, size] : sequence.projectors) {
-    CS_TRY(const Picture picture, render_role(frame.role, id, size[0], size[1]));
+  for (int q = 0; q < static_cast<int>(sequence.projectors.size()); ++q) {
+    const auto& [id, size] = sequence.projectors[q];
+    CS_TRY(Picture picture, render_role(sequence.frames[position].role, id, size[0], size[1]));
+    if (!sequence.identity.empty()) draw_identity(sequence, q, position, picture);
     CS_TRY_VOID(write_picture(folder / (id + ".png"), picture, 8));
   }
   return {};
@@ -28,8 +31,8 @@ Result<void> write_patterns(const Sequence& sequence, const fs::path& folder, co
   return create_folder_atomically(
       folder,
       [&](const fs::path& draft) -> Result<void> {
-        for (const Frame& frame : sequence.frames)
-          CS_TRY_VOID(write_frame(sequence, frame, draft / fmt::format("{:04}", frame.index)));
+        for (int i = 0; i < static_cast<int>(sequence.frames.size()); ++i)
+          CS_TRY_VOID(write_frame(sequence, i, draft / fmt::format("{:04}", sequence.frames[i].index)));
         return write_atomically(draft / "sequence.json", sequence_text(sequence));
       },
       record);

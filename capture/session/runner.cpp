@@ -18,7 +18,12 @@ namespace fs = std::filesystem;
 namespace {
 
 constexpr double kShiftedPx = 0.25;  // that a photo may be beside a stored one
+constexpr double kGivesWayPx = 1;    // by which a view may go on shifting when all has been taken again
 constexpr int kShakePhotos = 4;      // more that are taken of what seems to have moved
+
+bool is_striped(const Role& role) {
+  return role.kind == "gray" || role.kind == "xor" || role.kind == "phase";
+}
 
 class Capture {
  public:
@@ -59,11 +64,11 @@ class Capture {
   Views bins_of(int f, const std::vector<Shot>& shots) const;
 
   struct Change {
-    std::string why;        // empty: there is none
-    bool is_shift = false;  // too small a shift for the light of blocks to tell
+    std::string why;      // empty: there is none
+    double shift_px = 0;  // 0: it is no mere shift
   };
   Result<Change> moved(int f, std::vector<Shot> now);
-  Result<std::string> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
+  Result<Change> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
   std::vector<int> frames_to_compare(const std::string& projector) const;
   Result<Change> view_changed();
   Result<void> set_aside();
@@ -310,16 +315,15 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
 // ---- does the session still show what stands there? ----
 
 // Whether the cameras see frame f, which is shown, as it was stored. A camera that shakes is given more photos to find
-// back. Of stripes only shifts are judged: a small one turns all of their light.
+// back. Of stripes it is not judged where their light is: a small shift moves much of it.
 Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
-  const bool stripes = !sequence_.frames[f].role.axis.empty();
+  const bool only_brightness = is_striped(sequence_.frames[f].role);
   double shake_px = 0, shake = 0;
   for (int photo = 0;; ++photo) {
     Change change;
-    if (!stripes) change.why = judge_.moved(f, views_of(now), shake);
+    change.why = judge_.moved(f, views_of(now), shake, only_brightness);
     if (change.why.empty()) {
-      CS_TRY(change.why, shifted(f, now, shake_px));
-      change.is_shift = true;
+      CS_TRY(change, shifted(f, now, shake_px));
     }
     if (change.why.empty() || photo == kShakePhotos) return change;
     CS_TRY(std::vector<Shot> next, stage_.look());
@@ -332,20 +336,20 @@ Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
   }
 }
 
-// Why a camera does not look where it looked; empty where all do.
-Result<std::string> Capture::shifted(int f, const std::vector<Shot>& now, double shake_px) const {
+// Of a camera that does not look where it looked.
+Result<Capture::Change> Capture::shifted(int f, const std::vector<Shot>& now, double shake_px) const {
   for (std::size_t c = 0; c < stage_.cameras().size(); ++c) {
     CS_TRY(const Bins before, stored_pixels(f, c));
     if (before.light.empty()) continue;
     const double px = view_shift_px(before, judge_.pixels_of(now[c].stored[0], c));
     const double allowed = kShiftedPx + 2 * shake_px;
     if (px > allowed)
-      return fmt::format(
-          "camera '{}' sees {} shifted by {:.2f} px since it was stored (allowed {:.2f} px: {:.2f}, and twice what it "
-          "shakes)",
-          stage_.cameras()[c].spec->id, judge_.name_of(f), px, allowed, kShiftedPx);
+      return Change{fmt::format("camera '{}' sees {} shifted by {:.2f} px since it was stored (allowed {:.2f} px: "
+                                "{:.2f}, and twice what it shakes)",
+                                stage_.cameras()[c].spec->id, judge_.name_of(f), px, allowed, kShiftedPx),
+                    px};
   }
-  return std::string();
+  return Change();
 }
 
 // Frames that tell whether a projector and the cameras stand where they stood: its first bright one, since one
@@ -361,24 +365,26 @@ std::vector<int> Capture::frames_to_compare(const std::string& projector) const 
   if (bright != telling.end()) chosen.push_back(*bright);
   for (const char* axis : {"x", "y"})
     for (int f = 0; f < frames(); ++f)
-      if (complete(f) && of_this(f) && sequence_.frames[f].role.axis == axis) {
+      if (complete(f) && of_this(f) && is_striped(sequence_.frames[f].role) && sequence_.frames[f].role.axis == axis) {
         if (std::find(chosen.begin(), chosen.end(), f) == chosen.end()) chosen.push_back(f);
         break;
       }
   return chosen;
 }
 
-// Whether such frames of all projectors are still seen as they were stored.
+// Whether such frames of all projectors are still seen as they were stored; of several changes the gravest.
 Result<Capture::Change> Capture::view_changed() {
+  Change largest;
   for (const auto& [id, size] : sequence_.projectors)
     for (const int f : frames_to_compare(id)) {
       CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[f]));
       CS_TRY_VOID(stage_.show_for_photo(pictures, stage_.shows(), 1));
       CS_TRY(std::vector<Shot> now, stage_.look());
       CS_TRY(Change change, moved(f, std::move(now)));
-      if (!change.why.empty()) return change;
+      if (!change.why.empty() && change.shift_px == 0) return change;
+      if (change.shift_px > largest.shift_px) largest = std::move(change);
     }
-  return Change();
+  return largest;
 }
 
 // The session's photos go where nobody takes them for the session's.
@@ -410,7 +416,7 @@ Result<void> Capture::take_all_again(const std::string& changed) {
   CS_TRY_VOID(take_all());
   CS_TRY(const Change again, view_changed());
   if (again.why.empty()) return {};
-  if (again.is_shift) {  // nobody pushes twice: it gives way, and to take it a third time would not help
+  if (again.shift_px > 0 && again.shift_px <= kGivesWayPx) {  // to take it a third time would not help
     progress_.warn(fmt::format(
         "the view goes on shifting while photos are taken ({}): what is decoded is as much beside; find what "
         "gives way (stand, mount, a projector that warms up), and capture again in another folder",

@@ -39,8 +39,8 @@ struct CaptureOptions {
 // contradicts the pattern) is retaken. A Gray code frame and its inverse must add up to white + black (light adds); a
 // pair that does not is retaken, both. After the last one the first bright frame and the first stripes of each
 // projector are photographed again: where one shows something else, or the same elsewhere (view_shift.h), all photos
-// are moved to `folder`/outdated, and taken again, once. A view that goes on shifting is warned of then, one that
-// changes is refused.
+// are moved to `folder`/outdated, and taken again, once. A view that goes on shifting, by 1 px at most, is warned of
+// then; another one is refused.
 //
 // rig_toml and simulation_toml are the texts to store (simulation_toml may be empty). Errors: kExists (another rig or
 // sequence stands there), kDevice, kIo, kBadValue (sequence and rig disagree), kRefused (the camera moved, or another

@@ -12,6 +12,8 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kTilesX = 6, kTilesY = 4;
+constexpr double kSurePx =
+    0.06;  // standard deviation: in a direction less sure than that, what no fit has is mistaken for shifts
 constexpr double kBlurPx = 1.5;  // edges become as wide as the shifts that are looked for
 // Of the blurred noise so many neighbours are alike that a fit counts each value about this often.
 constexpr double kAlike = 4 * std::numbers::pi * kBlurPx * kBlurPx;
@@ -36,7 +38,8 @@ Pair pair_of(const Bins& a, const Bins& b) {
   return {(first + second) / 2, second - first, usable};
 }
 
-// Shift of one tile along the direction in which it is most surely more than noise, less four sigma. Fitted with it:
+// Shift of one tile along the direction in which it is most surely more than noise, less four sigma, where its detail
+// tells that direction well (a straight edge tells one alone). Fitted with it:
 // a gain, and light that was added, with a slope.
 double tile_shift(const Pair& pair, const cv::Rect& tile) {
   using Vector6 = Eigen::Vector<double, 6>;
@@ -63,8 +66,8 @@ double tile_shift(const Pair& pair, const cv::Rect& tile) {
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> axes(covariance.bottomRightCorner<2, 2>());
   double shift = 0;
   for (int i = 0; i < 2; ++i)
-    shift = std::max(shift, std::abs(fit.tail<2>().dot(axes.eigenvectors().col(i))) -
-                                4 * std::sqrt(std::max(0.0, axes.eigenvalues()[i])));
+    if (const double sigma = std::sqrt(std::max(0.0, axes.eigenvalues()[i])); sigma < kSurePx)
+      shift = std::max(shift, std::abs(fit.tail<2>().dot(axes.eigenvectors().col(i))) - 4 * sigma);
   return shift;
 }
 

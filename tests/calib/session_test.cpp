@@ -101,7 +101,7 @@ TEST(Sequence, WritesOnlyWhatTheKindUses) {
   Role gray = role("gray");
   gray.axis = "x", gray.bit = 0, gray.projector = "left";
   gray.seed = 5, gray.steps = 7;  // of other kinds
-  const std::string text = sequence_text({{{"left", {4, 3}}}, {{0, gray}, {1, role("white")}}});
+  const std::string text = sequence_text({{{"left", {4, 3}}}, {{0, gray}, {1, role("white")}}, {}});
   EXPECT_THAT(text, HasSubstr("{\"index\":0,\"role\":{\"kind\":\"gray\",\"projector\":\"left\",\"axis\":\"x\",\"bit\":"
                               "0,\"inverse\":false}}"));
   EXPECT_THAT(text, HasSubstr("{\"index\":1,\"role\":{\"kind\":\"white\"}}"));
@@ -172,6 +172,23 @@ TEST(SequenceError, NamesWhatTheWholeFileLacks) {
   EXPECT_THAT(complaint("{\"format_version\": 2}"), HasSubstr("format_version 2, newer than 1"));
   EXPECT_THAT(complaint("{\"frames\": ["), HasSubstr("is not JSON: "));
   EXPECT_THAT(complaint("[1]"), HasSubstr("not a JSON object"));
+}
+
+TEST(Sequence, MarksOfIdentityReadBackAndMustLieInTheirPicture) {
+  Sequence sequence = reading(around("{\"index\": 1, \"role\": {\"kind\":\"white\"}}")).value();
+  EXPECT_TRUE(sequence.identity.empty());
+  sequence.identity = {{"left", 0, 161, 40}, {"right", 600, 0, 36}};
+  EXPECT_EQ(reading(sequence_text(sequence))->identity, sequence.identity);
+  const auto complaint = [&](const IdentityMark& mark) {
+    Sequence with = sequence;
+    with.identity = {mark};
+    const auto read = reading(sequence_text(with));
+    return read ? "no complaint" : read.error().message;
+  };
+  EXPECT_THAT(complaint({"middle", 0, 0, 40}), HasSubstr("entry 0 of 'identity': projector 'middle'"));
+  for (const IdentityMark& outside : {IdentityMark{"left", 0, 162, 40}, IdentityMark{"left", 281, 0, 40},
+                                      IdentityMark{"left", -1, 0, 40}, IdentityMark{"left", 0, 0, 0}})
+    EXPECT_THAT(complaint(outside), HasSubstr("does not lie in the 320 x 201 pixels of 'left'"));
 }
 
 // ---- photos ----
@@ -310,6 +327,32 @@ void write_photos(const fs::path& folder, const Made& m) {
     for (const Frame& frame : m.sequence.frames)
       ASSERT_TRUE(write_stored16(folder / "photos" / m.rig.cameras[c].id / fmt::format("{:04}.tif", frame.index),
                                  Image(9 + 2 * c, 7, 1, 240 + 384 * (c + 1) + frame.index)));
+  }
+}
+
+TEST(Session, WhatItCallsUnusedIsInvalidInEveryPhotoOfThatCamera) {
+  TemporaryFolder folder;
+  write_photos(folder.path(), made());
+  ASSERT_TRUE(
+      write_unused(folder.path(), {{"second", {{{2, 1}, {4, 1}, {4, 3}, {2, 3}}, {{9, 5}, {20, 5}, {20, 30}}}}}));
+  const Session session = Session::open(folder.path()).value();
+  for (const int frame : {7, 2, 5}) {
+    const Photo photo = session.photo("second", frame).value();
+    EXPECT_EQ(photo.valid.at(2, 1) + photo.valid.at(3, 2) + photo.valid.at(4, 3) + photo.valid.at(10, 5), 0);
+    EXPECT_EQ(photo.valid.at(1, 1) + photo.valid.at(5, 3) + photo.valid.at(2, 4) + photo.valid.at(8, 5), 4);
+    const Mask other = session.photo("cam", frame)->valid;
+    EXPECT_EQ(std::count(other.data().begin(), other.data().end(), 0), 0) << "another camera";
+  }
+  for (const auto& [text, why] : {std::pair{"{\"cameras\": {\"third\": []}}", "no camera 'third'"},
+                                  {"{\"cameras\": {\"cam\": [[[1, 2], [3, 4]]]}}", "2 corners"},
+                                  {"{\"cameras\": {\"cam\": [[[1, 2], [3, 4], [1e9, 2]]]}}", "beyond every photo"},
+                                  {"{\"cameras\": {\"cam\": [[[1], 2]]}}", "unused.json' is not"},
+                                  {"[", "unused.json' is not"}}) {
+    ASSERT_TRUE(write_atomically(folder / "unused.json", text));
+    const auto opened = Session::open(folder.path());
+    ASSERT_FALSE(opened) << text;
+    EXPECT_EQ(opened.error().code, ErrorCode::kBadFile);
+    EXPECT_THAT(opened.error().message, HasSubstr(why)) << text;
   }
 }
 

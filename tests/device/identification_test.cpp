@@ -69,7 +69,7 @@ TEST(Identification, IsShownPixelByPixelOnEveryMonitor) {
   auto command = std::async(std::launch::async, [&] {
     return testing::run_countershade("devices --identify 4 --rig " + (folder / "rig.toml").string());
   });
-  const Picture expected = identification_picture(400, 300, {"screen", "400 x 300, 0 Hz", "projector left"});
+  const Picture expected = identification_picture(400, 300, {"screen", "400 x 300", "projector left"});
   std::vector<std::uint8_t> bytes;
   for (const std::uint16_t v : expected.data()) bytes.push_back(static_cast<std::uint8_t>(v / 257));
   bool seen = false;
@@ -79,6 +79,26 @@ TEST(Identification, IsShownPixelByPixelOnEveryMonitor) {
   EXPECT_TRUE(seen) << said.out << said.err;
   EXPECT_EQ(said.exit_code, 0);
   EXPECT_THAT(said.out, HasSubstr("monitor = \"screen\""));
+}
+
+// Night light and colour profiles, as far as the window system tells of them.
+TEST(Devices, ADesktopThatChangesColoursIsNamed) {
+  const testing::TemporaryFolder folder;
+  const testing::XvfbDisplay display(folder / "display", 400, 300);
+  if (!display.running()) GTEST_SKIP() << "Xvfb is not installed";
+  const std::string on = "env -u WAYLAND_DISPLAY DISPLAY=" + display.name() + " ";
+  const auto devices = [&] {
+    setenv("DISPLAY", display.name().c_str(), 1);
+    unsetenv("WAYLAND_DISPLAY");
+    return testing::run_countershade("devices").out;
+  };
+  EXPECT_THAT(devices(), ::testing::Not(HasSubstr("colours"))) << "a display without a monitor has no table";
+  if (std::system((on + "xrandr --output screen --gamma 1:1:1 2>/dev/null").c_str()) != 0)
+    GTEST_SKIP() << "xrandr is not installed";
+  EXPECT_THAT(devices(), ::testing::Not(HasSubstr("colours")));
+  ASSERT_EQ(std::system((on + "xrandr --output screen --gamma 1:0.8:0.6 --brightness 0.9").c_str()), 0);
+  EXPECT_THAT(devices(), ::testing::AllOf(HasSubstr("changes its colours (white leaves as 90, 90, 90 %"),
+                                          HasSubstr("night light")));
 }
 
 }  // namespace

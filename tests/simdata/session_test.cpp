@@ -31,7 +31,7 @@ std::string said_of(const simdata::RigAndRoom& room, const std::string& faults, 
   const auto done =
       capture::capture_session(room.rig, "", capture::default_sequence(room.rig),
                                simdata::simulated_devices(test::simulate(room), planted), folder, {}, listener);
-  EXPECT_TRUE(done) << done.error().message;
+  EXPECT_TRUE(done) << done.error().message << listener.said;
   return listener.said;
 }
 
@@ -83,7 +83,7 @@ TEST(SimulatedSession, ACameraThatTurnsByHalfAPixelHasAllFramesTakenAgain) {
 // Its white looks the same.
 TEST(SimulatedSession, APictureThatShiftsOnItsProjectorHasAllFramesTakenAgain) {
   const TemporaryFolder folder;
-  EXPECT_THAT(said_of(room_without_model(), "projector-nudged=1@60", folder / "session"),
+  EXPECT_THAT(said_of(room_without_model(), "projector-nudged=5@60", folder / "session"),
               ::testing::HasSubstr("frames are taken again"));
 }
 
@@ -92,7 +92,7 @@ TEST(SimulatedSession, ACameraThatGivesWayAllTheTimeIsCapturedWithAWarning) {
   const auto room = room_without_model();
   const TemporaryFolder folder;
   const std::string said =
-      said_of(room, fmt::format("camera-drifts={}@0", degrees_of(room, 0.01)), folder / "session");  // .8 px in all
+      said_of(room, fmt::format("camera-drifts={}@0", degrees_of(room, 0.005)), folder / "session");  // .4 px in all
   EXPECT_THAT(said, ::testing::HasSubstr("goes on shifting"));
 }
 

@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 
 #include "calib/file/file.h"
+#include "capture/pattern/identity.h"
 #include "tools/countershade/verbs.h"
 #include "tools/job/coded_capture.h"
 #include "tools/job/devices.h"
@@ -21,6 +22,8 @@ struct Options {
   std::optional<int> samples;
   fs::path truth;
   TruthOptions truth_options;
+  bool identity = false;
+  capture::MarkLayout marks;
 };
 
 Answer session_answer(const fs::path& session, std::size_t frames, const std::string& before = "") {
@@ -82,13 +85,21 @@ Result<Answer> run_capture(const Options& options, bool simulate, const Context&
 
 Result<Answer> run_patterns(const Options& options, const Context& context) {
   CS_TRY(const Rig rig, read_rig(options.rig));
-  const Sequence sequence = capture::default_sequence(rig);
+  Sequence sequence = capture::default_sequence(rig);
+  if (options.identity) {
+    CS_TRY(sequence.identity, capture::identity_marks(sequence, options.marks));
+  }
   CS_TRY_VOID(capture::write_patterns(sequence, options.out, context.recorder({options.rig})));
-  return Answer{
-      fmt::format("wrote {} frames to {}: show {}/NNNN/<projector>.png on each projector, photograph, then "
-                  "countershade import\n",
-                  sequence.frames.size(), options.out.string(), options.out.string()),
-      fmt::format("{{\"patterns\": \"{}\", \"frames\": {}}}\n", options.out.string(), sequence.frames.size())};
+  const std::string out = options.out.string();
+  const std::string next =
+      options.identity
+          ? fmt::format(
+                "play {}/NNNN/<projector>.png in order, at any time and as often as you like, photograph, then\n"
+                "countershade import {} --sequence {}/sequence.json --photos FOLDER",
+                out, options.rig.string(), out)
+          : fmt::format("show {}/NNNN/<projector>.png on each projector, photograph, then countershade import", out);
+  return Answer{fmt::format("wrote {} frames to {}: {}\n", sequence.frames.size(), out, next),
+                fmt::format("{{\"patterns\": \"{}\", \"frames\": {}}}\n", out, sequence.frames.size())};
 }
 
 Result<Answer> run_import(const Options& options, const Context& context) {
@@ -158,13 +169,28 @@ void add_patterns(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   auto* verb =
       add_verb(app, "patterns", "write every picture to show, for photographing by hand", *options, "patterns");
+  verb->add_flag("--identity", options->identity,
+                 "each picture says by itself which one it is, by marks in squares that it gives up: for pictures that "
+                 "somebody else plays");
+  verb->add_option("--identity-corners", options->marks.corners,
+                   "marks are near: top-left, top-right, bottom-left, bottom-right; two at least, on the screen, where "
+                   "the camera sees them")
+      ->delimiter(',')
+      ->capture_default_str();
+  verb->add_option("--identity-inset", options->marks.inset,
+                   "from there to the picture's edges, of its width and height")
+      ->capture_default_str();
+  verb->add_option("--identity-px", options->marks.side_px,
+                   "edge of a mark [default: a twelfth of the picture's height, 44 px at least]");
   verb->callback([options, &action] { action = [options](const Context& c) { return run_patterns(*options, c); }; });
 }
 
 void add_import(CLI::App& app, Action& action) {
   auto options = std::make_shared<Options>();
   auto* verb = add_verb(app, "import", "make a session from photos taken elsewhere", *options, "session");
-  verb->add_option("--photos", options->photos, "folder of photos: NNNN.png|tif|exr, or <camera id>/NNNN.*")
+  verb->add_option("--photos", options->photos,
+                   "folder of photos: NNNN.png|tif|exr, or <camera id>/NNNN.*; with any name where the sequence has "
+                   "marks of identity (patterns --identity)")
       ->required();
   verb->add_option(
       "--sequence", options->sequence,

@@ -118,12 +118,12 @@ Result<Answer> run_devices(const DevicesOptions& options, const Context& context
   const auto monitors = capture::list_monitors();
   if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
   for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())
-    rows.push_back({"display " + m.name, fmt::format("{} x {}, {:.0f} Hz", m.width, m.height, m.refresh_hz),
-                    fmt::format("monitor = \"{}\" for a projector of the rig", m.name)});
+    rows.push_back({"display " + m.name, identification_text(m, nullptr)[1],
+                    !m.trap.empty() ? m.trap : fmt::format("monitor = \"{}\" for a projector of the rig", m.name)});
   std::string text;
   nlohmann::json document = nlohmann::json::array();
   for (const Row& row : rows) {
-    text += fmt::format("{:<32} {:<20} {}\n", row.name, row.state, row.remedy);
+    text += fmt::format("{:<32} {:<25} {}\n", row.name, row.state, row.remedy);
     document.push_back({{"backend", row.name}, {"state", row.state}, {"remedy", row.remedy}});
   }
   return Answer{text, document.dump(1) + "\n"};

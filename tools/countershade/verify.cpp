@@ -31,7 +31,8 @@ void add_seconds(const fs::path& calibration, ReportContext& about) {
   const nlohmann::json own = document(calibration);
   if (!own.is_object()) return;
   about.compute_seconds = own.value("seconds", 0.0);
-  for (const auto& [path, hash] : own.value("inputs", nlohmann::json::object()).items())
+  const nlohmann::json inputs = own.value("inputs", nlohmann::json::object());
+  for (const auto& [path, hash] : inputs.items())
     if (const nlohmann::json session = document(fs::path(path).parent_path()); session.is_object())
       about.capture_seconds = session.value("seconds", 0.0);
 }
@@ -48,7 +49,8 @@ Result<fs::path> simulation_of(const fs::path& calibration) {
   if (!text) return missing();
   const nlohmann::json document = nlohmann::json::parse(*text, nullptr, false);
   if (document.is_discarded()) return missing();
-  for (const auto& [path, hash] : document.value("inputs", nlohmann::json::object()).items()) {
+  const nlohmann::json inputs = document.value("inputs", nlohmann::json::object());
+  for (const auto& [path, hash] : inputs.items()) {
     const fs::path file = fs::path(path).parent_path() / "simulation.toml";
     if (fs::exists(file)) return file;
   }

@@ -255,7 +255,7 @@ TEST(CaptureSession, MovedCameraIsRefusedAndNothingStoredChanges) {
   const auto done = run(room, scratch / "s");
   ASSERT_FALSE(done);
   EXPECT_EQ(done.error().code, ErrorCode::kRefused);
-  EXPECT_THAT(done.error().message, AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("(allowed 1.0 %)"),
+  EXPECT_THAT(done.error().message, AllOf(HasSubstr("camera 'cam'"), HasSubstr("moved"), HasSubstr("(allowed 0.25 px"),
                                           HasSubstr("another folder")));
   EXPECT_EQ(fake::tree(scratch / "s"), before);
 }

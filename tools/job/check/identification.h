@@ -16,7 +16,7 @@ namespace countershade::tools {
 // limited range is taken for a full one), and these lines of text, as large as fits.
 Picture identification_picture(int width, int height, const std::vector<std::string>& text);
 
-// What it says on a monitor: its name and mode, and the projectors of the rig that name it.
+// What it says on a monitor: its name, its mode, and the projectors of the rig that name it.
 std::vector<std::string> identification_text(const capture::Monitor& monitor, const Rig* rig);
 
 // Shows it on every monitor at once for so long. Errors: kDevice.

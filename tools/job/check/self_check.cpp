@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "capture/device/window.h"
 #include "tools/job/devices.h"
 
 namespace countershade::tools {
@@ -110,10 +111,28 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
   return {};
 }
 
+// What the desktop says that it does to the pictures of projectors that are its monitors; of windows without a monitor,
+// to those of the first one.
+Result<void> check_displays(const Rig& rig, std::vector<Finding>& findings) {
+  const auto is_window = [](const ProjectorSpec& p) { return p.output == "window"; };
+  if (std::none_of(rig.projectors.begin(), rig.projectors.end(), is_window)) return {};
+  CS_TRY(const std::vector<capture::Monitor> monitors, capture::list_monitors());
+  for (const ProjectorSpec& p : rig.projectors)
+    for (const capture::Monitor& m : monitors) {
+      if (!is_window(p) || (p.monitor.empty() ? &m != &monitors[0] : m.name != p.monitor)) continue;
+      Finding f{fmt::format("projector {}: desktop of monitor '{}'", p.id, m.name),
+                m.trap.empty() ? "changes nothing that it tells of" : "changes pictures", m.trap};
+      f.caution = !m.trap.empty();
+      findings.push_back(std::move(f));
+    }
+  return {};
+}
+
 }  // namespace
 
 Result<std::vector<Finding>> self_check(const Rig& rig, const capture::Devices& devices, Progress& progress) {
   std::vector<Finding> findings;
+  CS_TRY_VOID(check_displays(rig, findings));
   for (std::size_t i = 0; i < devices.cameras.size(); ++i) {
     progress.step("check", i, devices.cameras.size());
     const CameraSpec* spec = rig.camera(devices.cameras[i]->id());
