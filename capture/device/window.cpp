@@ -28,29 +28,11 @@ Result<void> connect() {
                glfw_reason());
 }
 
-// Night light, colour profiles and brightness sliders of the desktop change what leaves the computer. A table of zeros
-// is none: displays without a monitor have it.
 std::string altered_colours(GLFWmonitor* monitor) {
   const GLFWgammaramp* ramp = glfwGetGammaRamp(monitor);
   glfwGetError(nullptr);  // not every window system tells
-  if (ramp == nullptr || ramp->size < 2) return "";
-  const std::array<const unsigned short*, 3> channels{ramp->red, ramp->green, ramp->blue};
-  const unsigned last = ramp->size - 1;
-  double worst = 0, lit = 0;
-  for (const unsigned short* c : channels)
-    for (unsigned i = 0; i <= last; ++i) {
-      worst = std::max(worst, std::abs(c[i] / 65535.0 - static_cast<double>(i) / last));
-      lit += c[i];
-    }
-  if (worst < 0.02 || lit == 0) return "";
-  const auto percent = [&](unsigned i) {
-    return fmt::format("{:.0f}, {:.0f}, {:.0f}", channels[0][i] / 655.35, channels[1][i] / 655.35,
-                       channels[2][i] / 655.35);
-  };
-  return fmt::format(
-      "the desktop changes its colours (white leaves as {} %, half as {} %): switch night light, colour profile and "
-      "brightness of the desktop off (xrandr --gamma 1:1:1 --brightness 1)",
-      percent(last), percent(last / 2));
+  if (ramp == nullptr) return "";
+  return altered_by_table({ramp->red, ramp->size}, {ramp->green, ramp->size}, {ramp->blue, ramp->size});
 }
 
 std::string altered_scale(GLFWmonitor* monitor) {
@@ -344,6 +326,27 @@ class GlfwTextureDisplay final : public TextureDisplay {
 };
 
 }  // namespace
+
+std::string altered_by_table(std::span<const unsigned short> red, std::span<const unsigned short> green,
+                             std::span<const unsigned short> blue) {
+  const std::size_t size = std::min({red.size(), green.size(), blue.size()});
+  if (size < 2) return "";
+  const auto share = [&](std::size_t i) { return static_cast<double>(i) / static_cast<double>(size - 1); };
+  double worst = 0, lit = 0;
+  for (std::size_t i = 0; i < size; ++i)
+    for (const unsigned short value : {red[i], green[i], blue[i]}) {
+      worst = std::max(worst, std::abs(value / 65535.0 - share(i)));
+      lit += value;
+    }
+  if (worst < 0.02 || lit == 0) return "";
+  const auto percent = [&](std::size_t i) {
+    return fmt::format("{:.0f}, {:.0f}, {:.0f}", red[i] / 655.35, green[i] / 655.35, blue[i] / 655.35);
+  };
+  return fmt::format(
+      "the desktop changes its colours (white leaves as {} %, half as {} %): switch night light, colour profile and "
+      "brightness of the desktop off (xrandr --gamma 1:1:1 --brightness 1)",
+      percent(size - 1), percent((size - 1) / 2));
+}
 
 Result<std::vector<Monitor>> list_monitors() {
   CS_TRY_VOID(connect());

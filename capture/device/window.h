@@ -1,6 +1,8 @@
 // A projector that is a monitor of this computer: one full-screen window, bits as given.
 #pragma once
 
+#include <span>
+
 #include "capture/device/device.h"
 
 namespace countershade::capture {
@@ -11,6 +13,12 @@ struct Monitor {
   double refresh_hz = 0;  // 0 = unknown
   std::string trap = {};  // what the desktop says that it does to pictures (colours, scale); empty: nothing
 };
+
+// What a table of the desktop, per encoded value the one that leaves the computer (0..65535), does to pictures: night
+// light, colour profiles, brightness sliders. Empty where it stays within 2 % of the values, and for one of zeros,
+// which displays without a monitor have.
+std::string altered_by_table(std::span<const unsigned short> red, std::span<const unsigned short> green,
+                             std::span<const unsigned short> blue);
 
 // Monitors of the running display. Error: kDevice when there is no display to connect to.
 Result<std::vector<Monitor>> list_monitors();
