@@ -8,6 +8,7 @@
 #include "calib/base/random.h"
 #include "calib/file/file.h"
 #include "calib/image/image_file.h"
+#include "capture/pattern/decode.h"
 #include "capture/pattern/identity.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
