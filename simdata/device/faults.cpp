@@ -200,7 +200,15 @@ std::vector<Picture> Faults::emitted(std::vector<Picture> pictures, std::uint64_
       picture = mapped(std::move(picture), {bent, bent, bent});
     }
     if (magnified > 0) picture = resampled(picture, 1 / magnified, 0, 0);
-    if (nudge > 0) picture = resampled(picture, 1, -0.8 * nudge, 0.6 * nudge);
+    if (nudge > 0) {  // it is light that shifts, not what is sent
+      const auto bent = [&](double exponent) {
+        const std::vector<std::uint16_t> curve = table([&](double v) { return std::pow(v, exponent); });
+        picture = mapped(std::move(picture), {curve, curve, curve});
+      };
+      bent(2.2);
+      picture = resampled(picture, 1, -0.8 * nudge, 0.6 * nudge);
+      bent(1 / 2.2);
+    }
   }
   return pictures;
 }
