@@ -78,6 +78,7 @@ class Import {
   Result<Found> scan(const fs::path& folder);
   Result<void> match(std::size_t camera, const fs::path& folder, const Found& found);
   Result<void> identify(std::size_t camera, const fs::path& folder);
+  std::string hint() const;
   Error missing(const fs::path& folder, int position, const std::string& exposure, int count, std::size_t of) const;
   const PhotoFile* first(std::size_t camera, int position) const;
   Result<void> check_light(std::size_t camera) const;
@@ -92,6 +93,7 @@ class Import {
   Progress& progress_;
   std::vector<PhotoFile> files_;
   std::set<std::string> other_types_;  // extensions seen that are no photos to us
+  int other_names_ = 0;                // photos whose names are no frame's number
   UnusedParts unused_;
 };
 
@@ -117,7 +119,10 @@ Result<Import::Found> Import::scan(const fs::path& folder) {
   std::sort(paths.begin(), paths.end());
   for (const fs::path& path : paths) {
     const auto name = parse_name(path);
-    if (!name) continue;
+    if (!name) {
+      other_names_ += is_photo_type(path);
+      continue;
+    }
     if (!is_photo_type(path)) {
       other_types_.insert(path.extension().string());
       continue;
@@ -130,17 +135,26 @@ Result<Import::Found> Import::scan(const fs::path& folder) {
   return found;
 }
 
+std::string Import::hint() const {
+  std::string text;
+  for (const std::string& type : other_types_)
+    text += fmt::format(" ('{}' files are not read: convert them without loss)", type);
+  if (other_names_ > 0)
+    text += fmt::format(
+        " (the names of {} others are no frame's number, as they may be for pictures with marks of identity: name the "
+        "sequence.json that lies beside them)",
+        other_names_);
+  return text;
+}
+
 Error Import::missing(const fs::path& folder, int position, const std::string& exposure, int count,
                       std::size_t of) const {
-  std::string hint;
-  for (const std::string& type : other_types_)
-    hint += fmt::format(" ('{}' files are not read: convert them without loss)", type);
   return error(
       ErrorCode::kBadFile,
       "'{}' has no photo of {}: expected {}, .tif or .exr; {} of {} photos are missing{}. Photograph them, or name "
       "the sequence that these photos follow",
       folder.string(), frame_name(position), photo_name(sequence_.frames[position].index, exposure, ".png"), count, of,
-      hint);
+      hint());
 }
 
 Result<void> Import::match(std::size_t camera, const fs::path& folder, const Found& found) {
@@ -179,8 +193,15 @@ Result<void> Import::match(std::size_t camera, const fs::path& folder, const Fou
 // Photos of pictures that say themselves which frame they are.
 Result<void> Import::identify(std::size_t camera, const fs::path& folder) {
   std::vector<fs::path> paths;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.is_regular_file() && is_photo_type(entry.path())) paths.push_back(entry.path());
+  for (const auto& entry : fs::directory_iterator(folder)) {
+    if (!entry.is_regular_file()) continue;
+    if (is_photo_type(entry.path()))
+      paths.push_back(entry.path());
+    else
+      other_types_.insert(entry.path().extension().string());
+  }
+  if (paths.empty())
+    return error(ErrorCode::kBadFile, "'{}' holds no photos (.png, .tif, .exr){}", folder.string(), hint());
   std::sort(paths.begin(), paths.end(), natural_less);
   CS_TRY(const Identified found, identify_photos(sequence_, paths, rig_.cameras[camera], progress_));
   const std::string counts = fmt::format(

@@ -88,6 +88,22 @@ TEST(ImportSession, MissingPhotosAreCountedAndTheFirstIsNamed) {
   expect_refusal(import(scratch / "nowhere", scratch / "s"), ErrorCode::kBadFile, HasSubstr("nowhere"), scratch / "s");
 }
 
+TEST(ImportSession, PhotosWithOtherNamesAreMentionedAndSoIsAnEmptyFolder) {
+  fake::Scratch scratch("names");
+  photograph(scratch / "photos", fake::sequence());
+  for (int i = 0; i < 3; ++i)
+    fs::rename(scratch / "photos" / photo_name(i, "", ".png"), scratch / fmt::format("photos/IMG_{}.png", i));
+  expect_refusal(import(scratch / "photos", scratch / "s"), ErrorCode::kBadFile,
+                 AllOf(HasSubstr("3 of 16 photos are missing"), HasSubstr("3 others"), HasSubstr("sequence.json")),
+                 scratch / "s");
+  Sequence marked = fake::sequence();
+  marked.identity = {{marked.projectors[0].first, 0, 0, 22}};
+  fs::create_directories(scratch / "empty");
+  std::ofstream(scratch / "empty/a.jpg") << "no photo";
+  expect_refusal(import(scratch / "empty", scratch / "s", fake::rig(), marked), ErrorCode::kBadFile,
+                 AllOf(HasSubstr("empty' holds no photos"), HasSubstr("'.jpg' files are not read")), scratch / "s");
+}
+
 TEST(ImportSession, TwoFilesOfOnePhotoAreAmbiguous) {
   fake::Scratch scratch("twice");
   photograph(scratch / "photos", fake::sequence());
