@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "capture/device/display.h"
+#include "capture/device/edid.h"
 
 namespace countershade::capture {
 
@@ -46,31 +47,42 @@ Monitor describe(GLFWmonitor* monitor) {
   const GLFWvidmode* mode = glfwGetVideoMode(monitor);
   const char* name = glfwGetMonitorName(monitor);
   const std::string colours = altered_colours(monitor), scale = altered_scale(monitor);
-  return {name != nullptr ? name : "", mode ? mode->width : 0, mode ? mode->height : 0,
+  return {name != nullptr ? name : "",
+          mode ? mode->width : 0,
+          mode ? mode->height : 0,
           mode ? static_cast<double>(mode->refreshRate) : 0.0,
-          fmt::format("{}{}{}", colours, colours.empty() || scale.empty() ? "" : "; ", scale)};
+          fmt::format("{}{}{}", colours, colours.empty() || scale.empty() ? "" : "; ", scale),
+          name != nullptr ? name_on_output(name) : ""};
 }
 
 Result<GLFWmonitor*> find_monitor(const std::string& projector, const std::string& name, int width, int height) {
   int count = 0;
   GLFWmonitor** monitors = glfwGetMonitors(&count);
   std::string names;
+  std::vector<int> fitting;
   for (int i = 0; i < count; ++i) {
-    const Monitor found = describe(monitors[i]);
-    names += fmt::format("{}'{}' ({}x{})", i ? ", " : "", found.name, found.width, found.height);
-    if (found.name != name) continue;
-    if (found.width != width || found.height != height)
-      return error(
-          ErrorCode::kDevice,
-          "projector '{}': monitor '{}' shows {}x{} pixels, the rig says {}x{}: set the monitor's mode (xrandr) or "
-          "correct the rig",
-          projector, name, found.width, found.height, width, height);
-    return monitors[i];
+    const Monitor m = describe(monitors[i]);
+    names +=
+        fmt::format("{}'{}' ({}x{}{}{})", i ? ", " : "", m.name, m.width, m.height, m.edid.empty() ? "" : ", ", m.edid);
+    if (m.is(name)) fitting.push_back(i);
   }
-  return error(ErrorCode::kDevice,
-               "projector '{}': there is no monitor '{}'; there is {}: connect it, or correct `monitor` "
-               "in the rig",
-               projector, name, names.empty() ? "none" : names);
+  if (fitting.empty())
+    return error(ErrorCode::kDevice,
+                 "projector '{}': there is no monitor '{}'; there is {}: connect it, or correct `monitor` "
+                 "in the rig",
+                 projector, name, names.empty() ? "none" : names);
+  if (fitting.size() > 1)
+    return error(ErrorCode::kDevice,
+                 "projector '{}': monitor '{}' fits several of {}: name it by its output in the rig", projector, name,
+                 names);
+  const Monitor found = describe(monitors[fitting[0]]);
+  if (found.width != width || found.height != height)
+    return error(
+        ErrorCode::kDevice,
+        "projector '{}': monitor '{}' shows {}x{} pixels, the rig says {}x{}: set the monitor's mode (xrandr) or "
+        "correct the rig",
+        projector, found.name, found.width, found.height, width, height);
+  return monitors[fitting[0]];
 }
 
 // A function of the current context's driver; false where it has none of that name.

@@ -55,6 +55,11 @@ TEST(Identification, NamesTheProjectorThatTheRigPutsThere) {
   rig.projectors[1].id = "right", rig.projectors[1].monitor = "DP-2";
   EXPECT_THAT(identification_text({"DP-2", 1280, 800, 60}, &rig),
               ElementsAre("DP-2", "1280 x 800, 60 Hz", "projector right"));
+  rig.projectors[0].monitor = "EPS EB-L1755U X4KJ930";  // wherever it is plugged in
+  EXPECT_THAT(identification_text({"DP-3", 1280, 800, 60, "", "EPS EB-L1755U X4KJ930"}, &rig),
+              ElementsAre("DP-3", "1280 x 800, 60 Hz", "EPS EB-L1755U X4KJ930", "projector left"));
+  rig.projectors[0].monitor = "";
+  EXPECT_THAT(identification_text({"DP-3", 1280, 800, 60}, &rig), ElementsAre("DP-3", "1280 x 800, 60 Hz"));
   EXPECT_THAT(identification_text({"DP-2", 1280, 800, 60}, nullptr), ElementsAre("DP-2", "1280 x 800, 60 Hz"));
   EXPECT_NE(identification_picture(640, 400, {"DP-2"}).data(), identification_picture(640, 400, {"DP-3"}).data());
 }

@@ -118,8 +118,12 @@ Result<Answer> run_devices(const DevicesOptions& options, const Context& context
   const auto monitors = capture::list_monitors();
   if (!monitors) rows.push_back({"displays", "none", monitors.error().message});
   for (const capture::Monitor& m : monitors ? *monitors : std::vector<capture::Monitor>())
-    rows.push_back({"display " + m.name, identification_text(m, nullptr)[1],
-                    !m.trap.empty() ? m.trap : fmt::format("monitor = \"{}\" for a projector of the rig", m.name)});
+    rows.push_back(
+        {"display " + m.name, identification_text(m, nullptr)[1],
+         !m.trap.empty()
+             ? m.trap
+             : fmt::format("monitor = \"{}\" for a projector of the rig{}", m.name,
+                           m.edid.empty() ? "" : fmt::format(", or \"{}\", wherever it is plugged in", m.edid))});
   std::string text;
   nlohmann::json document = nlohmann::json::array();
   for (const Row& row : rows) {

@@ -61,8 +61,9 @@ Picture identification_picture(int width, int height, const std::vector<std::str
 std::vector<std::string> identification_text(const capture::Monitor& monitor, const Rig* rig) {
   const std::string refresh = monitor.refresh_hz > 0 ? fmt::format(", {:.0f} Hz", monitor.refresh_hz) : "";
   std::vector<std::string> text{monitor.name, fmt::format("{} x {}{}", monitor.width, monitor.height, refresh)};
+  if (!monitor.edid.empty()) text.push_back(monitor.edid);
   for (const ProjectorSpec& p : rig != nullptr ? rig->projectors : std::vector<ProjectorSpec>())
-    if (p.monitor == monitor.name) text.push_back("projector " + p.id);
+    if (monitor.is(p.monitor)) text.push_back("projector " + p.id);
   return text;
 }
 

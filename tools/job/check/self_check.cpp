@@ -119,7 +119,7 @@ Result<void> check_displays(const Rig& rig, std::vector<Finding>& findings) {
   CS_TRY(const std::vector<capture::Monitor> monitors, capture::list_monitors());
   for (const ProjectorSpec& p : rig.projectors)
     for (const capture::Monitor& m : monitors) {
-      if (!is_window(p) || (p.monitor.empty() ? &m != &monitors[0] : m.name != p.monitor)) continue;
+      if (!is_window(p) || (p.monitor.empty() ? &m != &monitors[0] : !m.is(p.monitor))) continue;
       Finding f{fmt::format("projector {}: desktop of monitor '{}'", p.id, m.name),
                 m.trap.empty() ? "changes nothing that it tells of" : "changes pictures", m.trap};
       f.caution = !m.trap.empty();
