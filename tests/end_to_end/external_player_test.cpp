@@ -13,6 +13,7 @@
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/rig_files.h"
 
 namespace countershade {
 namespace {
@@ -20,19 +21,13 @@ namespace {
 namespace fs = std::filesystem;
 using testing::run_countershade;
 using testing::TemporaryFolder;
+using testing::write_rig;
 
 simdata::RigAndRoom late_room() {
   simdata::RigAndRoom room = simdata::small_two_wall(3, {480, 300}, 256);
   for (SimulatedProjector& p : room.simulation.projectors) p.latency_ms = 40, p.latency_jitter_ms = 30;
   room.simulation.projectors[1].latency_ms = 75;
   return room;
-}
-
-void write_rig(const fs::path& folder, const simdata::RigAndRoom& room) {
-  Device lens = simdata::true_camera(room.simulation, room.rig.cameras[0].id).value();
-  lens.device_from_world = {};
-  write_cameramodel(folder / room.rig.cameras[0].model, lens).value();
-  write_atomically(folder / "rig.toml", rig_text(room.rig, &room.simulation)).value();
 }
 
 struct Player {

@@ -10,6 +10,7 @@
 #include "calib/geometry/lens.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/rig_files.h"
 #include "tools/bench/kill/write_calls.h"
 
 namespace countershade {
@@ -38,10 +39,7 @@ class Kill : public ::testing::Test {
     if (!bench::can_trace()) GTEST_SKIP() << "this machine lets no program trace its child";
     simdata::RigAndRoom room = simdata::small_two_wall(8, {160, 100}, 16);
     room.rig.cameras[0].exposures_ms = {10, 5};  // a frame may be cut between them
-    Device lens = simdata::true_camera(room.simulation, room.rig.cameras[0].id).value();
-    lens.device_from_world = {};
-    ASSERT_TRUE(write_cameramodel(folder_ / room.rig.cameras[0].model.string(), lens));
-    ASSERT_TRUE(write_atomically(folder_ / "rig.toml", rig_text(room.rig, &room.simulation)));
+    testing::write_rig(folder_.path(), room);
   }
   Ending run(const std::string& verb, const fs::path& input, const fs::path& out, const Doom& doom = {}) {
     const auto ending = bench::run_to_disaster(

@@ -17,6 +17,7 @@
 #include "calib/image/image_file.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/rig_files.h"
 #include "tests/support/small_disk.h"
 #include "tests/support/xvfb.h"
 
@@ -26,16 +27,10 @@ namespace {
 namespace fs = std::filesystem;
 using testing::run_countershade;
 using testing::TemporaryFolder;
+using testing::write_rig;
 
 simdata::RigAndRoom small_room() {
   return simdata::small_two_wall(3, {480, 300}, 1024);
-}
-
-void write_rig(const fs::path& folder, const simdata::RigAndRoom& room) {
-  Device lens = simdata::true_camera(room.simulation, room.rig.cameras[0].id).value();
-  lens.device_from_world = {};
-  write_cameramodel(folder / room.rig.cameras[0].model, lens).value();
-  write_atomically(folder / "rig.toml", rig_text(room.rig, &room.simulation)).value();
 }
 
 // Hash of every file below a folder, provenance apart, by relative path.
