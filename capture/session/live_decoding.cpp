@@ -6,8 +6,20 @@
 
 namespace countershade::capture {
 
+namespace {
+
+constexpr int kRestart = -1;
+
+}  // namespace
+
 LiveDecoding::LiveDecoding(std::filesystem::path session, Sequence sequence, std::string camera)
     : folder_(std::move(session)), sequence_(std::move(sequence)), camera_(std::move(camera)) {
+  begin();
+  worker_ = std::thread([this] { work(); });
+}
+
+void LiveDecoding::begin() {
+  projectors_.clear();
   for (const auto& [id, resolution] : sequence_.projectors) {
     Pending& pending = projectors_.emplace_back();
     Result<Decoder> decoder = Decoder::make(sequence_, camera_, id, {});
@@ -20,7 +32,6 @@ LiveDecoding::LiveDecoding(std::filesystem::path session, Sequence sequence, std
     pending.missing = pending.frames;
     pending.decoder = *std::move(decoder);
   }
-  worker_ = std::thread([this] { work(); });
 }
 
 LiveDecoding::~LiveDecoding() {
@@ -36,6 +47,14 @@ void LiveDecoding::stored(int frame) {
   {
     const std::lock_guard lock(mutex_);
     queue_.push_back(frame);
+  }
+  changed_.notify_one();
+}
+
+void LiveDecoding::restart() {
+  {
+    const std::lock_guard lock(mutex_);
+    queue_.assign(1, kRestart);
   }
   changed_.notify_one();
 }
@@ -62,7 +81,7 @@ void LiveDecoding::work() {
       frame = queue_.front();
       queue_.pop_front();
     }
-    read(frame);
+    frame == kRestart ? begin() : read(frame);
   }
 }
 

@@ -28,6 +28,8 @@ class LiveDecoding {
 
   // The photos of a frame (its index) stand in the session, or have taken the place of others.
   void stored(int frame);
+  // All photos have been set aside (CaptureOptions::set_aside): nothing that was told before counts.
+  void restart();
   // Waits for what is left, once. Per projector, in the order of the sequence; those whose frames are not all there are
   // errors (kRefused).
   std::vector<Result<Correspondence>> finish();
@@ -38,6 +40,7 @@ class LiveDecoding {
     std::set<int> frames, missing;  // of its code; not seen yet
     std::optional<Result<Correspondence>> result;
   };
+  void begin();
   void work();
   void read(int frame);
 
@@ -48,7 +51,7 @@ class LiveDecoding {
   std::optional<Session> session_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::deque<int> queue_;
+  std::deque<int> queue_;  // of frames, or kRestart
   bool last_ = false, drop_ = false;
   std::thread worker_;
 };

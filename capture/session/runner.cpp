@@ -52,7 +52,11 @@ class Capture {
   Result<void> store(int f, const std::vector<Shot>& shots);
   std::vector<int> telling_frames() const;
 
-  Result<void> start();
+  struct Change {
+    std::string why;      // empty: there is none
+    double shift_px = 0;  // 0: it is no mere shift
+  };
+  Result<Change> start();
   Result<void> take_all();
   Result<void> take_frame(int f);
   Result<void> accept(int f, const std::vector<Image>& blocks, const Views& now, const std::vector<Shot>& shots,
@@ -63,10 +67,6 @@ class Capture {
   Result<Bins> stored_pixels(int f, std::size_t c) const;
   Views bins_of(int f, const std::vector<Shot>& shots) const;
 
-  struct Change {
-    std::string why;      // empty: there is none
-    double shift_px = 0;  // 0: it is no mere shift
-  };
   Result<Change> moved(int f, std::vector<Shot> now);
   Result<Change> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
   std::vector<int> frames_to_compare(const std::string& projector) const;
@@ -173,24 +173,28 @@ std::vector<int> Capture::telling_frames() const {
   return telling;
 }
 
-Result<void> Capture::start() {
+// What has changed since the stored frames; those that this very run has taken can be taken again, others are refused.
+Result<Capture::Change> Capture::start() {
   const std::vector<int> telling = telling_frames();
   if (telling.empty()) {
     CS_TRY(const std::vector<Shot> dark, stage_.settle(stage_.plain(0)));
     judge_.saw_dark(views_of(dark));
-    return stage_.measure_latency(stage_.plain(65535), stage_.plain(0));
+    CS_TRY_VOID(stage_.measure_latency(stage_.plain(65535), stage_.plain(0)));
+    return Change();
   }
   const int reference = telling.back();
   progress_.note(fmt::format("resuming: {} is photographed again and compared", judge_.name_of(reference)));
   CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[reference]));
   CS_TRY(std::vector<Shot> now, stage_.settle(pictures));
-  CS_TRY(const Change change, moved(reference, std::move(now)));
-  if (!change.why.empty())
+  CS_TRY(Change change, moved(reference, std::move(now)));
+  const bool own = options_.lateness != nullptr && options_.lateness->shows > 0;
+  if (!change.why.empty() && !own)
     return error(ErrorCode::kRefused,
                  "{}: camera, projector or room moved: put them back as they were, or capture a new session in another "
                  "folder",
                  change.why);
-  return stage_.measure_latency(stage_.plain(0), pictures);  // the reference is not dark
+  CS_TRY_VOID(stage_.measure_latency(stage_.plain(0), pictures));  // the reference is not dark
+  return change;
 }
 
 // ---- is this the frame that was asked for? ----
@@ -413,6 +417,7 @@ Result<void> Capture::take_all_again(const std::string& changed) {
                   "are taken again; the former photos are kept in '{}' ({})",
                   frames(), (folder_ / "outdated").string(), changed));
   CS_TRY_VOID(set_aside());
+  if (options_.set_aside) options_.set_aside();
   CS_TRY_VOID(take_all());
   CS_TRY(const Change again, view_changed());
   if (again.why.empty()) return {};
@@ -434,13 +439,16 @@ Result<void> Capture::take_missing() {
   for (int f = 0; f < frames(); ++f) done += complete(f);
   progress_.step("capture", done, frames());
   if (done == frames()) return {};
-  CS_TRY_VOID(start());
-  const auto taken = take_all();
-  if (!taken && !contradicted_) return taken;  // photos that contradict one another may be of two views
-  const auto changed = view_changed();
-  if (!taken && (!changed || changed->why.empty())) return taken;
-  if (!changed) return changed.error();
-  if (!changed->why.empty()) CS_TRY_VOID(take_all_again(changed->why));
+  CS_TRY(Change change, start());
+  if (change.why.empty()) {
+    const auto taken = take_all();
+    if (!taken && !contradicted_) return taken;  // photos that contradict one another may be of two views
+    auto changed = view_changed();
+    if (!taken && (!changed || changed->why.empty())) return taken;
+    if (!changed) return changed.error();
+    change = std::move(*changed);
+  }
+  if (!change.why.empty()) CS_TRY_VOID(take_all_again(change.why));
   if (options_.lateness != nullptr) *options_.lateness = stage_.lateness();
   if (stage_.lost() > 0)
     progress_.note(fmt::format("{} photos did not arrive whole and were taken again", stage_.lost()));

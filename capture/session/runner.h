@@ -23,9 +23,13 @@ struct CaptureOptions {
   // Called with the index of each frame whose photos stand in the session, from former captures too; again when others
   // have taken their place.
   std::function<void(int frame)> stored = nullptr;
-  Lateness* lateness = nullptr;  // known: not measured again; and what is known at the end
-  double retake_wait_ms = 20;    // n-th retake: shown again, then this long times n more before the exposure; a picture
-                                 // is settled after twelve times this long
+  // Called when all photos have been set aside, before they are taken again.
+  std::function<void()> set_aside = nullptr;
+  // Known, since this run has captured the session's beginning: not measured again, and what stands there is taken
+  // again where the view has changed since. And what is known at the end.
+  Lateness* lateness = nullptr;
+  double retake_wait_ms = 20;  // n-th retake: shown again, then this long times n more before the exposure; a picture
+                               // is settled after twelve times this long
 };
 
 // Captures `sequence` into `folder` (calib/file/session.h). Each photo is written and synced before the next is shown.

@@ -54,6 +54,21 @@ TEST(CodedCapture, DecodesWhatTheSessionHoldsAlsoWherePhotosAreRetaken) {
   expect_as_decoded(*captured, folder / "session");
 }
 
+// The code is chosen in the middle of a capture; whenever the camera is touched, no photo of before it remains.
+TEST(CodedCapture, ACameraThatIsTouchedAtAnyMomentHasAllFramesTakenAgain) {
+  const double degrees = 0.15;  // about 1 px
+  for (const int photo : {42, 50, 58}) {
+    const TemporaryFolder folder;
+    SilentProgress quiet;
+    const auto faults = simdata::parse_faults(fmt::format("camera-turned={}@{}", degrees, photo)).value();
+    const auto captured = capture_with_code(room().rig, "", "auto", simdata::simulated_devices(simulator(), faults),
+                                            folder / "session", quiet);
+    ASSERT_TRUE(captured) << photo << ": " << captured.error().message;
+    EXPECT_TRUE(fs::exists(folder / "session/outdated")) << photo;
+    expect_as_decoded(*captured, folder / "session");
+  }
+}
+
 TEST(CodedCapture, DecodesWhatAFormerCaptureLeft) {
   const TemporaryFolder folder;
   SilentProgress quiet;

@@ -64,6 +64,7 @@ Result<void> capture_and_decode(const Rig& rig, const std::string& simulation_to
   options.extend = extend;
   options.lateness = &lateness;
   options.stored = [&](int frame) { decoding.stored(frame); };
+  options.set_aside = [&] { decoding.restart(); };
   CS_TRY_VOID(capture::capture_session(rig, simulation_toml, captured.sequence, devices, folder, options, progress));
   for (Result<capture::Correspondence>& c : decoding.finish())
     if (c)
