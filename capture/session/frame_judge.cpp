@@ -155,12 +155,12 @@ std::string FrameJudge::repeats(int f, const Pixels& pixels) const {
   return "";
 }
 
-std::string FrameJudge::moved(int f, const Views& now, double shake, bool only_brightness) const {
+std::string FrameJudge::moved(int f, const Views& now, double shake) const {
   for (std::size_t c = 0; c < cameras(); ++c) {
     const auto [difference, brightening] = change_of_view(now[c], *kept_[f][c]);
     const double noise = floor_[c] / std::max(1e-6, mean_light(now[c]));
     const double allowed = kMoved + 4 * noise + 2 * shake;
-    if ((difference > allowed && !only_brightness) || std::abs(brightening) > kBrightened)
+    if (difference > allowed || std::abs(brightening) > kBrightened)
       return fmt::format(
           "camera '{}' sees {} differently than when it was stored: {:.1f} % of its light changed place "
           "(allowed {:.1f} %) and its brightness changed by {:.1f} % (allowed {:.0f} %)",

@@ -68,9 +68,8 @@ class FrameJudge {
   using StoredPixels = std::function<Result<Bins>(int f, std::size_t camera)>;
   Result<std::string> wrong_pair(int f, const Pixels& pixels, const StoredPixels& stored_pixels) const;
   // Why the cameras cannot stand where they stood when frame f was kept; empty when they can. shake: share of a
-  // camera's light that changes place from photo to photo though nothing moved. only_brightness: where its light is
-  // does not count.
-  std::string moved(int f, const Views& now, double shake, bool only_brightness) const;
+  // camera's light that changes place from photo to photo though nothing moved.
+  std::string moved(int f, const Views& now, double shake) const;
   // For messages: "frame 7 (gray x bit 2 of left)".
   std::string name_of(int f) const;
 

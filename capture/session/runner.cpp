@@ -319,16 +319,17 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
 // ---- does the session still show what stands there? ----
 
 // Whether the cameras see frame f, which is shown, as it was stored. A camera that shakes is given more photos to find
-// back. Of stripes it is not judged where their light is: a small shift moves much of it.
+// back. Of stripes a shift is looked for first: a small one moves much of their light.
 Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
-  const bool only_brightness = is_striped(sequence_.frames[f].role);
+  const bool stripes = is_striped(sequence_.frames[f].role);
   double shake_px = 0, shake = 0;
   for (int photo = 0;; ++photo) {
     Change change;
-    change.why = judge_.moved(f, views_of(now), shake, only_brightness);
+    if (!stripes) change.why = judge_.moved(f, views_of(now), shake);
     if (change.why.empty()) {
       CS_TRY(change, shifted(f, now, shake_px));
     }
+    if (change.why.empty() && stripes) change.why = judge_.moved(f, views_of(now), shake);
     if (change.why.empty() || photo == kShakePhotos) return change;
     CS_TRY(std::vector<Shot> next, stage_.look());
     for (std::size_t c = 0; c < next.size(); ++c) {
@@ -340,20 +341,21 @@ Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
   }
 }
 
-// Of a camera that does not look where it looked.
+// Of the camera that looks farthest from where it looked.
 Result<Capture::Change> Capture::shifted(int f, const std::vector<Shot>& now, double shake_px) const {
+  Change largest;
+  const double allowed = kShiftedPx + 2 * shake_px;
   for (std::size_t c = 0; c < stage_.cameras().size(); ++c) {
     CS_TRY(const Bins before, stored_pixels(f, c));
     if (before.light.empty()) continue;
     const double px = view_shift_px(before, judge_.pixels_of(now[c].stored[0], c));
-    const double allowed = kShiftedPx + 2 * shake_px;
-    if (px > allowed)
-      return Change{fmt::format("camera '{}' sees {} shifted by {:.2f} px since it was stored (allowed {:.2f} px: "
-                                "{:.2f}, and twice what it shakes)",
-                                stage_.cameras()[c].spec->id, judge_.name_of(f), px, allowed, kShiftedPx),
-                    px};
+    if (px <= std::max(allowed, largest.shift_px)) continue;
+    largest = {fmt::format("camera '{}' sees {} shifted by {:.2f} px since it was stored (allowed {:.2f} px: {:.2f}, "
+                           "and twice what it shakes)",
+                           stage_.cameras()[c].spec->id, judge_.name_of(f), px, allowed, kShiftedPx),
+               px};
   }
-  return Change();
+  return largest;
 }
 
 // Frames that tell whether a projector and the cameras stand where they stood: its first bright one, since one

@@ -12,8 +12,8 @@ namespace countershade::capture {
 namespace {
 
 constexpr int kTilesX = 6, kTilesY = 4;
-constexpr double kSurePx =
-    0.06;  // standard deviation: in a direction less sure than that, what no fit has is mistaken for shifts
+// Standard deviation: along a direction that is less sure, light that the fit does not model passes for a shift.
+constexpr double kSurePx = 0.06;
 constexpr double kBlurPx = 1.5;  // edges become as wide as the shifts that are looked for
 // Of the blurred noise so many neighbours are alike that a fit counts each value about this often.
 constexpr double kAlike = 4 * std::numbers::pi * kBlurPx * kBlurPx;
@@ -39,8 +39,8 @@ Pair pair_of(const Bins& a, const Bins& b) {
 }
 
 // Shift of one tile along the direction in which it is most surely more than noise, less four sigma, where its detail
-// tells that direction well (a straight edge tells one alone). Fitted with it:
-// a gain, and light that was added, with a slope.
+// tells that direction well (a straight edge tells one alone). Fitted with it: a gain, and light that was added, with a
+// slope.
 double tile_shift(const Pair& pair, const cv::Rect& tile) {
   using Vector6 = Eigen::Vector<double, 6>;
   using Matrix6 = Eigen::Matrix<double, 6, 6>;

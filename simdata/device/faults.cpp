@@ -200,7 +200,7 @@ std::vector<Picture> Faults::emitted(std::vector<Picture> pictures, std::uint64_
       picture = mapped(std::move(picture), {bent, bent, bent});
     }
     if (magnified > 0) picture = resampled(picture, 1 / magnified, 0, 0);
-    if (nudge > 0) {  // it is light that shifts, not what is sent
+    if (nudge > 0) {  // it is light that shifts, not what is sent: of an exponent of 2.2
       const auto bent = [&](double exponent) {
         const std::vector<std::uint16_t> curve = table([&](double v) { return std::pow(v, exponent); });
         picture = mapped(std::move(picture), {curve, curve, curve});

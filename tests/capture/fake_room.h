@@ -28,7 +28,8 @@ struct Room {
   int bump_at = -1, bump_px = 0, bump_again = 0;  // trigger before which somebody pushes them; and every so many after
   double full_scale = 65535;
   double beside = 1;  // pictures from this share of their width on fall beside the screen, and nothing bounces
-  int lamp_at = -1;   // trigger at which the lamp becomes lamp_to
+  int roll_at = -1, roll_px = 0;  // trigger from which pictures lie so many columns farther left, round and round
+  int lamp_at = -1;               // trigger at which the lamp becomes lamp_to
   double lamp_to = 1;
   double lamp = 1, flicker = 0;  // brightness of everything, and its change between even and odd photos
   std::map<int, int> wrong;      // trigger number -> how many shows ago the photo was really taken
@@ -69,11 +70,12 @@ inline double mean_of(const Picture& picture) {
 
 // Light of one projector's picture on a camera pixel, 0..1, and a tenth of its mean that bounced.
 inline double light_on(const Picture& picture, double mean, int which, int x, int y, int width, int height,
-                       double beside = 1) {
+                       double beside = 1, int roll_px = 0) {
   const double u = which == 0 ? x / (0.8 * width) : (x - 0.3 * width) / (0.7 * width), v = (y + 0.5) / height;
   const double bounced = beside < 1 ? 0 : (0.08 + 0.02 * which) * mean;
   if (u < 0 || u >= beside) return bounced;
-  const int px = static_cast<int>(u * picture.width()), py = static_cast<int>(v * picture.height());
+  const int px = (static_cast<int>(u * picture.width()) + roll_px) % picture.width(),
+            py = static_cast<int>(v * picture.height());
   const double encoded = picture.at(px, py, (x + y) % 3) / 65535.0;
   return bounced + (0.6 + 0.2 * u - 0.1 * v) * encoded * encoded;
 }
@@ -127,7 +129,7 @@ class FakeCamera final : public Camera {
     for (std::size_t p = 0; p < shown.size(); ++p)
       if (shown[p].first)
         light += light_on(*shown[p].first, shown[p].second, static_cast<int>(p), x + room_->shift_px, y, width_,
-                          height_, room_->beside);
+                          height_, room_->beside, room_->triggers > room_->roll_at ? room_->roll_px : 0);
     light *= 0.5 * exposure_ms_ / 10 * (room_->lamp + (room_->triggers % 2 ? room_->flicker : 0));
     if (room_->noise > 0) light += random.normal() * std::sqrt(light * room_->noise + 25) / room_->noise;
     return std::round(std::clamp(light, 0.0, 1.0) * room_->full_scale);

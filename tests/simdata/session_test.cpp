@@ -80,7 +80,6 @@ TEST(SimulatedSession, ACameraThatTurnsByHalfAPixelHasAllFramesTakenAgain) {
         << px;
 }
 
-// Its white may look the same; its stripes do not.
 TEST(SimulatedSession, APictureThatShiftsOnItsProjectorHasAllFramesTakenAgain) {
   const TemporaryFolder folder;
   EXPECT_THAT(said_of(room_without_model(), "projector-nudged=1@60", folder / "session"),

@@ -77,6 +77,21 @@ TEST(Identity, EveryFrameIsReadInWhateverPictureAndLiesWhereItIs) {
       << "no frame of so few";
 }
 
+// Whatever picture is around it.
+TEST(Identity, IsReadFromTwoAndAHalfCameraPixelsAModule) {
+  Sequence sequence = sequence_of(500);
+  sequence.identity = identity_marks(sequence, {}).value();  // modules of 4 px
+  std::vector<Role> roles{role("white"), role("black"), role("gray")};
+  roles[2].bit = 4;
+  const cv::Matx33d small(0.625, 0.01, 10, -0.01, 0.625, 20, 0, 0, 1);
+  for (int position = 0; position < 500; position += 7) {
+    const auto marks =
+        find_marks(photo_of(marked(sequence, position, roles[position % roles.size()]), small), sequence);
+    ASSERT_EQ(marks.size(), 2u) << position;
+    EXPECT_TRUE(marks[0].position == position && marks[1].position == position) << position;
+  }
+}
+
 // A photo across a change, or of a display that has not settled, holds two frames.
 TEST(Identity, ShareOfAnotherFrameIsMeasured) {
   Sequence sequence = sequence_of(60);
@@ -95,6 +110,21 @@ TEST(Identity, ShareOfAnotherFrameIsMeasured) {
       EXPECT_LT(share_of(position + 2, marks[0], photo, sequence), 0.08 + 0.4 * share)
           << position << ": it is not in it";
       EXPECT_EQ(share_of(position, marks[0], photo, sequence), 0);
+    }
+}
+
+TEST(Identity, SaysWhichProjectorItIs) {
+  Sequence sequence = sequence_of(9);
+  sequence.projectors.push_back({"right", {640, 400}});
+  sequence.identity = identity_marks(sequence, {}).value();
+  ASSERT_EQ(sequence.identity.size(), 4u);
+  for (int position = 0; position < 9; ++position)
+    for (const int q : {0, 1}) {
+      Picture picture(640, 400, 3, 0);
+      draw_identity(sequence, q, position, picture);
+      const auto marks = find_marks(photo_of(picture, kView), sequence);
+      ASSERT_EQ(marks.size(), 2u);
+      for (const SeenMark& mark : marks) EXPECT_EQ(std::pair(mark.projector, mark.position), std::pair(q, position));
     }
 }
 

@@ -280,6 +280,22 @@ TEST(CaptureSession, CameraThatMovesMeanwhileHasAllFramesTakenAgain) {
   }
 }
 
+// Its white and black are the same, its later pairs add up, and no camera moved: only its first stripes tell.
+TEST(CaptureSession, PictureThatShiftsOnItsProjectorIsFoundByItsStripes) {
+  fake::Scratch scratch("rolled");
+  auto rolled = std::make_shared<Room>();
+  rolled->roll_px = 1;
+  ASSERT_TRUE(run(rolled, scratch / "rolled"));
+  auto room = std::make_shared<Room>();
+  room->roll_at = kFirst + 4, room->roll_px = 1;
+  Listener listener;
+  const auto done = run(room, scratch / "s", fake::rig(), listener);
+  ASSERT_TRUE(done) << done.error().message;
+  EXPECT_THAT(listener.said, AllOf(HasSubstr("(gray x bit"), HasSubstr("all 16 frames are taken again")));
+  fs::remove_all(scratch / "s/outdated");
+  EXPECT_EQ(fake::tree(scratch / "s"), fake::tree(scratch / "rolled"));
+}
+
 // Frames that are of two lights do not add up, and no display is to blame.
 TEST(CaptureSession, LampThatIsSwitchedOnMeanwhileHasAllFramesTakenAgain) {
   fake::Scratch scratch("lamp-on");
