@@ -160,6 +160,8 @@ struct SimulatedSurface {
 struct Simulation {
   std::string room = "two-wall";  // what it is called in messages and reports; the surfaces say what it is
   double ambient = 0;             // radiance of the surround, fraction of reference white
+  double ambient_swing = 0;       // share by which it swings: lamps on the mains
+  double ambient_hz = 100;        // how often a second; twice the mains' frequency
   std::uint64_t seed = 1;
   int samples = 4096;  // strata, or rays, by which a receiving point looks at the room
   int block_px = 16;   // projector pixels per block of the indirect light

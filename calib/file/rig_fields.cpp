@@ -139,6 +139,8 @@ Fields fields_of(Simulation& s) {
   return {
       {"room", &s.room, any(), "what the room is called"},
       {"ambient", &s.ambient, between(0, 10), "radiance of the surround, fraction of reference white"},
+      {"ambient_swing", &s.ambient_swing, seldom(between(0, 1)), "share by which it swings: lamps on the mains"},
+      {"ambient_hz", &s.ambient_hz, seldom(between(0.01, 1e5)), "how often a second; twice the mains' frequency"},
       {"seed", &s.seed, any(), "all noise follows from it"},
       {"samples", &s.samples, between(16, 65536), "strata by which a point looks at the room; time grows with it"},
       {"block_px", &s.block_px, between(1, 4096), "projector pixels per block of indirect light"},

@@ -4,6 +4,7 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <numbers>
 
 #include "calib/base/random.h"
 #include "simdata/device/sensor.h"
@@ -29,6 +30,20 @@ std::uint64_t hash_picture(const Picture& picture) {
 }
 
 constexpr double kReadOut = 0.02;  // s
+
+// Mean over each row's exposure of swing * cos(2 pi hz t), t since the devices were switched on: what lamps on the
+// mains add to their mean light, over that. One value where all rows are exposed at once; none where nothing swings.
+std::vector<double> swings(const RowExposure& e, double swing, double hz) {
+  std::vector<double> at;
+  if (swing == 0) return at;
+  const double half = std::numbers::pi * hz * e.exposure;
+  const double left = half > 0 ? std::sin(half) / half : 1;
+  for (int y = 0; y < (e.rolling > 0 ? e.rows : 1); ++y) {
+    const double from = e.start + (e.rows > 1 ? e.rolling * y / (e.rows - 1) : 0);
+    at.push_back(swing * left * std::cos(2 * std::numbers::pi * hz * (from + e.exposure / 2)));
+  }
+  return at;
+}
 
 Shown shown_of(const Picture& picture) {
   return {std::make_shared<const Picture>(picture), hash_picture(picture)};
@@ -145,8 +160,11 @@ class SimulatedCameraDevice final : public capture::Camera {
       seen.push_back(p.parts(rows, glasses_, faults.stale(photo)));
       state = hash_parts(state, seen.back());
     }
+    const Simulation& room = stage_->simulator->simulation();
+    const std::vector<double> swing = swings(rows, room.ambient > 0 ? room.ambient_swing : 0, room.ambient_hz);
+    for (const double s : swing) state = mix(state ^ std::bit_cast<std::uint64_t>(s));
     if (light_.empty() || light_state_ != state)
-      light_ = stage_->simulator->optics(index_, look(std::move(seen), photo)), light_state_ = state;
+      light_ = stage_->simulator->optics(index_, look(std::move(seen), swing, photo)), light_state_ = state;
     // Stops beside the reference exposure, so that each exposure of a bracket has its own noise, whichever were before.
     const auto stops = std::llround(1e3 * std::log2(exposure_ms_ / spec_.reference_exposure_ms));
     const std::uint64_t nth = stage_->photos_since_show[index_][exposure_ms_]++;
@@ -198,8 +216,9 @@ class SimulatedCameraDevice final : public capture::Camera {
     return moved_.get();
   }
 
-  // Light before the lens: what is the same for all rows at once, then each part that differs, row by row.
-  Image look(std::vector<Parts> seen, std::uint64_t photo) {
+  // Light before the lens: what is the same for all rows at once, then each part that differs, row by row. `swing`: of
+  // the surround, per row or one for all.
+  Image look(std::vector<Parts> seen, const std::vector<double>& swing, std::uint64_t photo) {
     using Share = Simulator::PictureShare;
     if (!stage_->faults.empty()) emit(seen, photo);
     const View* moved = moved_view(photo);
@@ -209,6 +228,11 @@ class SimulatedCameraDevice final : public capture::Camera {
     // Closed glasses are as dark for the surround: all light through open ones, then dimmed.
     const double dim = (glasses_.left + glasses_.right) / 2;
     const std::vector<std::vector<Share>> dark(seen.size());
+    Image surround;  // no projector's light
+    const auto nothing = [&]() -> const Image& {
+      if (surround.empty()) surround = light_of(dark);
+      return surround;
+    };
     std::vector<std::vector<Share>> steady = dark;
     for (std::size_t q = 0; q < seen.size(); ++q)
       for (const Timeline::Part& part : seen[q])
@@ -231,8 +255,7 @@ class SimulatedCameraDevice final : public capture::Camera {
             one[q].push_back(
                 {part.shown.picture.get(), grey ? Light4(Light4::Ones()) : Light4(Eigen::Vector4f::Unit(c).array())});
             alone = light_of(one);
-            const Image nothing = light_of(dark);
-            for (std::size_t i = 0; i < alone.data().size(); ++i) alone.data()[i] -= nothing.data()[i];
+            for (std::size_t i = 0; i < alone.data().size(); ++i) alone.data()[i] -= nothing().data()[i];
           }
           for (int y = 0; y < light.height(); ++y)
             for (int i = 0; i < light.width() * light.channels(); ++i)
@@ -240,6 +263,9 @@ class SimulatedCameraDevice final : public capture::Camera {
         }
       }
     alone_ = std::move(used);
+    for (int y = 0; y < light.height() && !swing.empty(); ++y)
+      for (int i = 0; i < light.width() * light.channels(); ++i)
+        light.row(y)[i] += static_cast<float>(swing[swing.size() > 1 ? y : 0]) * nothing().row(y)[i];
     if (dim != 1)
       for (float& v : light.data()) v *= static_cast<float>(dim);
     return light;

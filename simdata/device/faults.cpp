@@ -79,9 +79,10 @@ const std::vector<FaultKind>& fault_kinds() {
       {"gamma-wrong", "exponent", 1.15, 0.3, 3, 0, "the projector's picture mode bends its response"},
       {"projector-nudged", "projector px", 3, 0.01, 200, 80, "somebody touches the projectors: pictures shift"},
       {"warm-up", "share", 0.1, 0.001, 0.9, 0, "the lamps lose that much light, half of it within 35 photos"},
-      {"flicker", "share", 0.05, 0.001, 1, 0, "mains flicker: brightness differs from photo to photo"},
+      {"exposure-jitter", "share", 0.05, 0.001, 1, 0, "the camera's shutter: brightness differs from photo to photo"},
       {"lamp-switched-on", "full scale", 0.08, 0.001, 1, 60, "light from elsewhere, uneven over the room"},
       {"person-walks-in", "share of width", 0.12, 0.01, 1, 50, "somebody crosses the picture during 15 photos"},
+      {"person-stays", "share of width", 0.12, 0.01, 1, 50, "somebody comes, and stays where he stands"},
       {"camera-bumped", "mm", 6, 0.01, 1000, 70, "somebody pushes the tripod aside"},
       {"camera-turned", "degrees", 0.1, 0.0001, 30, 70, "somebody touches the camera: it looks elsewhere"},
       {"camera-shaken", "degrees rms", 0.02, 0.0001, 5, 0, "the tripod trembles: every photo looks elsewhere"},
@@ -215,8 +216,8 @@ std::vector<Picture> Faults::emitted(std::vector<Picture> pictures, std::uint64_
 
 void Faults::light(Image& light, std::uint64_t photo) const {
   if (const double v = value(photo, "warm-up"); v > 0) multiply(light, 1 - v * (1 - std::exp2(-(photo / 35.0))));
-  if (const double v = value(photo, "flicker"); v > 0) {
-    Random random(mix(seed_ ^ hash_name("flicker")) ^ photo);
+  if (const double v = value(photo, "exposure-jitter"); v > 0) {
+    Random random(mix(seed_ ^ hash_name("exposure-jitter")) ^ photo);
     multiply(light, 1 + v * std::sin(2 * std::numbers::pi * random.uniform()));
   }
   if (const double v = value(photo, "lamp-switched-on"); v > 0)
@@ -224,16 +225,18 @@ void Faults::light(Image& light, std::uint64_t photo) const {
       const double u = static_cast<double>(x) / light.width(), w = static_cast<double>(y) / light.height();
       return light.at(x, y, c) + static_cast<float>(v * (0.6 + 0.6 * u - 0.3 * w) * (1 - 0.15 * c));
     });
+  const auto stand = [&](double centre, double width) {
+    for_pixels(light, [&](int x, int y, int c) {
+      const double u = (static_cast<double>(x) / light.width() - centre) / (0.5 * width),
+                   w = (static_cast<double>(y) / light.height() - 0.75) / 0.55;
+      return u * u + w * w < 1 ? 0.08f * light.at(x, y, c) : light.at(x, y, c);
+    });
+  };
   if (const double v = value(photo, "person-walks-in"); v > 0)
     for (const Fault& f : faults_)
-      if (std::string_view(f.kind->name) == "person-walks-in" && photo < f.photo + 15) {
-        const double centre = (photo - f.photo + 0.5) / 15, half = 0.5 * v;
-        for_pixels(light, [&](int x, int y, int c) {
-          const double u = (static_cast<double>(x) / light.width() - centre) / half,
-                       w = (static_cast<double>(y) / light.height() - 0.75) / 0.55;
-          return u * u + w * w < 1 ? 0.08f * light.at(x, y, c) : light.at(x, y, c);
-        });
-      }
+      if (std::string_view(f.kind->name) == "person-walks-in" && photo < f.photo + 15)
+        stand((static_cast<double>(photo - f.photo) + 0.5) / 15, v);
+  if (const double v = value(photo, "person-stays"); v > 0) stand(0.35, v);
   if (const double v = value(photo, "defocus"); v > 0) light = blurred(light, v);
   if (const double v = value(photo, "glare"); v > 0) add_glare(light, v);
   const int specks = static_cast<int>(value(photo, "dust"));

@@ -70,6 +70,13 @@ Result<const Device*> named(const std::vector<Device>& all, const char* kind, co
 Result<void> check_room(const Rig& rig, const Simulation& simulation) {
   CS_TRY_VOID(check_values(simulation));
   CS_TRY_VOID(check_walls(simulation));
+  for (const SimulatedSurface& s : simulation.surfaces)
+    if (simulation.ambient_swing > 0 && s.daylight > 0)
+      return error(
+          ErrorCode::kBadValue,
+          "[simulation] ambient_swing = {}, and [[simulation.surface]] '{}' has daylight = {}: the sun does not "
+          "swing, and the simulator takes both for one light; set one of them to 0",
+          simulation.ambient_swing, s.id, s.daylight);
   for (const CameraSpec& spec : rig.cameras) {
     const std::string what = "camera '" + spec.id + "'";
     CS_TRY(const SimulatedCamera* c, named(simulation.cameras, "camera", spec.id));

@@ -40,7 +40,7 @@ Rig full_rig() {
 }
 
 Simulation full_simulation() {
-  Simulation s{"my room", 0.013, 0xfedcba9876543210ull, 5000, 24, {}, {}, {}};
+  Simulation s{"my room", 0.013, 0.4, 120, 0xfedcba9876543210ull, 5000, 24, {}, {}, {}};
   for (const char* shape : {"rectangle", "cylinder", "cone", "sphere", "mesh"}) {
     SimulatedSurface surface{shape,
                              shape,
@@ -185,7 +185,8 @@ TEST(Rig, PutsEachValueWhereItBelongs) {
 TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   TemporaryFolder folder;
   const std::string text =
-      "[simulation]\nroom = \"mine\"\nambient = 0.8\nseed = 9\nsamples = 100\nblock_px = 11\n"
+      "[simulation]\nroom = \"mine\"\nambient = 0.8\nambient_swing = 0.7\nambient_hz = 120\nseed = 9\nsamples = "
+      "100\nblock_px = 11\n"
       "[[simulation.surface]]\nid = \"r\"\norigin = [1, 2, 3]\nalong_u = [4, 5, 6]\nalong_v = [7, 8, 9]\n"
       "albedo = [0.1, 0.2, 0.3]\ntexture = 0.4\npatchwork = 0.5\npatchwork_cells = [6, 7]\ngloss = 0.8\n"
       "roughness = 0.9\ndirecting = 10\ndirecting_tilt_deg = [11, 12]\ntransmission = 13\ndaylight = 14\n"
@@ -211,7 +212,7 @@ TEST(Rig, PutsEachValueOfTheSimulationWhereItBelongs) {
   using Two = std::array<double, 2>;
   using Three = std::array<double, 3>;
   EXPECT_EQ(s.room, "mine");
-  EXPECT_EQ(s.ambient, 0.8);
+  EXPECT_EQ((Three{s.ambient, s.ambient_swing, s.ambient_hz}), (Three{0.8, 0.7, 120}));
   ASSERT_EQ(s.surfaces.size(), 4u);
   const SimulatedSurface &r = s.surfaces[0], &k = s.surfaces[1], &d = s.surfaces[2], &m = s.surfaces[3];
   EXPECT_EQ(r.shape, "rectangle");

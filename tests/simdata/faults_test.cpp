@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 #include <numeric>
 
 #include "tests/simdata/small_room.h"
@@ -80,6 +81,22 @@ INSTANTIATE_TEST_SUITE_P(All, FaultTest, ::testing::ValuesIn(all_kinds()), [](co
   std::erase(name, '-');
   return name;
 });
+
+TEST(Faults, WhoComesAndStaysHidesTheSamePixelsInEveryPhotoFromThenOn) {
+  const Faults faults(parse_faults("person-stays=0.25@3").value(), 1);
+  const auto hidden = [&](std::uint64_t photo) {
+    Image light(400, 300, 1, 1.f);
+    faults.light(light, photo);
+    return light.data();
+  };
+  EXPECT_EQ(hidden(2), std::vector<float>(400 * 300, 1.f));
+  EXPECT_EQ(hidden(3), hidden(500));
+  double sum = 0;
+  for (float v : hidden(3)) sum += (1 - v) / .92;
+  // An ellipse of .25 x 1.1 whose centre is .25 above the lower edge: that cuts off its share of acos(h) - h sqrt(1 -
+  // h^2) over pi, h = .25 / .55.
+  EXPECT_NEAR(sum / (400 * 300), .25 * std::numbers::pi / 4 * 1.1 * .779, .002);
+}
 
 TEST(Faults, GlareLaysTheMeanOverThePhoto) {
   Image light(4, 2, 1, 0.1f);
@@ -166,7 +183,7 @@ TEST(Faults, WarmUpLosesHalfOfItsShareIn35Photos) {
 }
 
 TEST(ParseFaults, ReadsValuesAndPhotos) {
-  const auto faults = parse_faults("glare=0.01,stale-frame@7,flicker=0.5@3").value();
+  const auto faults = parse_faults("glare=0.01,stale-frame@7,exposure-jitter=0.5@3").value();
   ASSERT_EQ(faults.size(), 3u);
   EXPECT_EQ(faults[0].value, 0.01);
   EXPECT_EQ(faults[1].photo, 7u);

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <numbers>
 
 #include "tests/simdata/small_room.h"
 
@@ -127,6 +128,57 @@ TEST(Stage, RollingShutterShowsBandsOfTheOldPictureTheMixtureAndTheNew) {
     EXPECT_LT(difference(photo, mean(before, (20 - y / 149. * 30) / 10, after), y, y + 1), kNoise);
   const Image next = o.photo(10);
   EXPECT_LT(difference(next, after), kNoise);
+}
+
+// Lamps on the mains: mean of 1 + swing cos(2 pi hz t) over that time, summed up by moments.
+double lamps(double swing, double hz, double from_s, double exposure_s) {
+  double sum = 0;
+  for (int i = 0; i < 10000; ++i)
+    sum += 1 + swing * std::cos(2 * std::numbers::pi * hz * (from_s + (i + .5) / 10000 * exposure_s));
+  return sum / 10000;
+}
+
+TEST(Stage, LampsOnTheMainsSwingInPartsOfAPeriodAndNotInWholeOnes) {
+  auto room = quiet_room();
+  room.simulation.ambient = .2;
+  const Opened steady(room);
+  const Image still = steady.light({}, {}), white = steady.light(flat(1), flat(1));
+  room.simulation.ambient_swing = .8, room.simulation.ambient_hz = 90;
+  const Opened o(room);
+  EXPECT_LT(difference(o.photo(100. / 9), still), kNoise) << "a whole period";
+  double from = .02 + 1 / 90., smallest = 2, largest = 0;
+  for (const double ms : {4., 4., 4., 15., 15., 30.}) {
+    const double lit = lamps(.8, 90, from, 1e-3 * ms);
+    EXPECT_LT(difference(o.photo(ms), mean(still, lit, Image(still.width(), still.height(), 3))), 2 * kNoise) << ms;
+    from += .02 + 1e-3 * ms;
+    smallest = std::min(smallest, lit), largest = std::max(largest, lit);
+  }
+  EXPECT_GT(largest - smallest, .5);
+  // What the projectors add does not swing.
+  o.show(0, flat(1)), o.show(1, flat(1));
+  from = (std::floor((from + 1e-9) * 50) + 2) / 50;
+  Image expected = white;
+  const auto more = static_cast<float>(lamps(.8, 90, from, .004) - 1);
+  for (std::size_t i = 0; i < white.data().size(); ++i) expected.data()[i] += more * still.data()[i];
+  EXPECT_LT(difference(o.photo(4), expected), 2 * kNoise);
+}
+
+TEST(Stage, ARollingShutterSeesTheMainsAsBands) {
+  auto room = quiet_room();
+  room.simulation.ambient = .2, room.simulation.ambient_swing = .8, room.simulation.ambient_hz = 90;
+  room.simulation.cameras[0].rolling_shutter_ms = 30;
+  room.simulation.cameras[0].psf_sigma_px = 0;
+  const Opened o(room);
+  const Image still = o.light({}, {}), dark(still.width(), still.height(), 3), photo = o.photo(4);
+  for (int y = 0; y < 150; y += 7) {
+    const double lit = lamps(.8, 90, y / 149. * .03, .004);
+    EXPECT_LT(difference(photo, mean(still, lit, dark), y, y + 1), kNoise) << y;
+  }
+  room.simulation.surfaces[0].daylight = .3;
+  SilentProgress progress;
+  const auto made = simdata::Simulator::make(room.rig, room.simulation, progress);
+  ASSERT_FALSE(made);
+  EXPECT_NE(made.error().message.find("ambient_swing = 0.8"), std::string::npos) << made.error().message;
 }
 
 TEST(Stage, WholeTurnsOfTheWheelAreAsNoWheelAndPartsOfOneShowItsPrimaries) {

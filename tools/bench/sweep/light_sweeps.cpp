@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 #include "capture/pattern/pattern.h"
 #include "tools/bench/sweep/sweep.h"
@@ -15,6 +16,11 @@ constexpr int kPhotos = 400;  // more than any stage takes
 
 double frames_of(const SweepSetting& setting) {
   return static_cast<double>(capture::default_sequence(setting.room.rig).frames.size());
+}
+
+void expose(SweepSetting& s, double ms) {
+  s.room.rig.cameras[0].exposures_ms = {ms};
+  s.room.simulation.cameras[0].reference_exposure_ms = ms;
 }
 
 // ---- late displays ----
@@ -86,11 +92,7 @@ Result<double> cut_turns(const PredictorInput& in, Progress&) {
 
 Sweep wheel() {
   constexpr double kHz = 120;
-  const auto expose = [](double turns, SweepSetting& s) {
-    const double ms = 1e3 * turns / kHz;
-    s.room.rig.cameras[0].exposures_ms = {ms};
-    s.room.simulation.cameras[0].reference_exposure_ms = ms;
-  };
+  const auto take_turns = [](double turns, SweepSetting& s) { expose(s, 1e3 * turns / kHz); };
   return {"wheel",
           "Exposures that cut a colour wheel's turn or a pulse",
           "exposure, in turns of 1/120 s",
@@ -101,14 +103,14 @@ Sweep wheel() {
             {1, 1.5},
             [=](double turns, SweepSetting& s) {
               for (SimulatedProjector& p : s.room.simulation.projectors) p.colour_wheel_hz = kHz;
-              expose(turns, s);
+              take_turns(turns, s);
             }},
            {"pulses",
             {1.05, 1.5, 2, 2.05, 4.5},
             {},
             [=](double turns, SweepSetting& s) {
               for (SimulatedProjector& p : s.room.simulation.projectors) p.pwm_hz = kHz;
-              expose(turns, s);
+              take_turns(turns, s);
             }}},
           {}};
 }
@@ -121,10 +123,27 @@ double fault_value(const SweepSetting& setting, const std::string& name) {
   return 0;
 }
 
+// Half the range of the lamps' light in photos that begin at chance [full scale].
+double mains_swing(const PredictorInput& in) {
+  const Simulation& room = in.setting.room.simulation;
+  if (room.ambient_swing == 0) return 0;
+  std::vector<Picture> black;
+  for (const ProjectorSpec& p : in.setting.room.rig.projectors) black.emplace_back(p.resolution[0], p.resolution[1], 3);
+  const Image dark = in.simulator.total_light(0, black);
+  const double lamps = std::accumulate(dark.data().begin(), dark.data().end(), 0.0) / dark.data().size();
+  const double half = std::numbers::pi * room.ambient_hz * in.setting.room.rig.cameras[0].exposures_ms[0] * 1e-3;
+  return lamps * room.ambient_swing * std::abs(std::sin(half) / half);
+}
+
 // Change of the light between the photos of a capture, over white [%].
 Result<double> change_of_light(const PredictorInput& in, Progress&) {
-  return 100 * (fault_value(in.setting, "flicker") + fault_value(in.setting, "lamp-switched-on") / in.white +
-                fault_value(in.setting, "warm-up"));
+  return 100 * (fault_value(in.setting, "exposure-jitter") + fault_value(in.setting, "warm-up") +
+                (fault_value(in.setting, "lamp-switched-on") + mains_swing(in)) / in.white);
+}
+
+// Lamps on mains that are not quite 50 Hz, so that no display keeps step with them.
+void be_lit(SweepSetting& s, double swing) {
+  s.room.simulation.ambient = 0.3, s.room.simulation.ambient_swing = swing, s.room.simulation.ambient_hz = 99.9;
 }
 
 Sweep flicker() {
@@ -135,10 +154,25 @@ Sweep flicker() {
   };
   return {"flicker",
           "Light that changes while photos are taken",
-          "swing of all light, light added (of full scale) or lost, %",
+          "swing of lamps or exposures, light added (of full scale) or lost, %; exposure, ms",
           "change of the light, % of white",
           change_of_light,
-          {{"mains: from photo to photo", {0, 0.1, 0.3, 1, 3, 10}, {1}, add("flicker", 0)},
+          {{"lamps on the mains, 1/60 s",
+            {0, 10, 30, 100},
+            {30},
+            [](double percent, SweepSetting& s) { expose(s, 1e3 / 60), be_lit(s, percent / 100); }},
+           {"lamps that swing fully, by exposure",
+            {5, 8.33, 10, 20, 33.3, 50},
+            {50},
+            [](double ms, SweepSetting& s) { expose(s, ms), be_lit(s, 1); }},
+           {"the same, rolling shutter of 15 ms",
+            {10, 16.7, 50},
+            {},
+            [](double ms, SweepSetting& s) {
+              expose(s, ms), be_lit(s, 1);
+              s.room.simulation.cameras[0].rolling_shutter_ms = 15;
+            }},
+           {"exposures that jitter", {0.1, 0.3, 1, 3, 10}, {1}, add("exposure-jitter", 0)},
            {"a lamp is switched on at photo 60", {0.3, 1, 3, 10}, {}, add("lamp-switched-on", 60)},
            {"the projectors warm up", {1, 3, 10, 30}, {}, add("warm-up", 0)}},
           {}};
@@ -148,25 +182,34 @@ Sweep flicker() {
 
 // Photos of the capture in which somebody stands, times the share of the picture that he hides [%].
 Result<double> hidden(const PredictorInput& in, Progress&) {
-  double area = 0;
-  for (const simdata::Fault& f : in.setting.in_capture) area += std::numbers::pi * 0.5 * f.value * 0.55 * 0.75;
-  return 100 * area * 15 / frames_of(in.setting);
+  double photos = 0;
+  const double frames = frames_of(in.setting);
+  for (const simdata::Fault& f : in.setting.in_capture) {
+    const bool stays = std::string_view(f.kind->name) == "person-stays";
+    const double until = frames - static_cast<double>(f.photo);
+    photos += std::numbers::pi * 0.5 * f.value * 0.55 * 0.75 * (stays ? until : std::min(15., until));
+  }
+  return 100 * photos / frames;
 }
 
 Sweep visitor() {
-  const auto walk_in = [](std::uint64_t photo) {
+  const auto come = [](const char* fault, std::uint64_t photo) {
     return [=](double percent, SweepSetting& s) {
-      if (percent > 0) add_fault(s.in_capture, "person-walks-in", percent / 100, photo);
+      if (percent > 0) add_fault(s.in_capture, fault, percent / 100, photo);
     };
   };
+  const auto walk_in = [=](std::uint64_t photo) { return come("person-walks-in", photo); };
   return {"visitor",
-          "Somebody crosses the picture during 15 photos of the capture",
+          "Somebody crosses the picture during 15 photos of the capture, or stays",
           "width of the person, % of the picture's",
           "hidden share of all photos, %",
           hidden,
           {{"during the first projector's code", {0, 5, 12, 30}, {12}, walk_in(30)},
            {"during the second one's", {5, 12}, {}, walk_in(60)},
-           {"during the frames of light", {2, 5, 12, 30}, {}, walk_in(80)}},
+           {"during the frames of light", {2, 5, 12, 30}, {}, walk_in(80)},
+           {"comes during the first code and stays", {2, 5, 12, 30}, {12}, come("person-stays", 30)},
+           {"comes during the frames of light and stays", {2, 5, 12, 30}, {}, come("person-stays", 80)},
+           {"stands there from the beginning", {5, 12, 30}, {}, come("person-stays", 0)}},
           {}};
 }
 
