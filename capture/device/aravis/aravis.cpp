@@ -36,6 +36,10 @@ namespace {
 constexpr double kExposureTolerance = 0.01;  // what a camera may round an exposure by
 constexpr unsigned kSmallPacket = 1400;      // bytes: what every network lets through
 constexpr int kBuffers = 4;
+// Of a camera that runs freely: photos that may be held inside it, and after a change of exposure, which many cameras
+// obey late; those after which it is given up that one is new.
+constexpr int kInFlight = 2, kUntilExposed = 4, kMostOld = 200;
+constexpr double kClockSet = 2e-3;                        // s: by more, and somebody has set the wall clock
 constexpr std::size_t kMostBytes = std::size_t{1} << 30;  // of a photo: more, and the camera is wrong about itself
 constexpr std::size_t kBesides = 1 << 20;                 // bytes that a camera may send with a photo
 
@@ -72,6 +76,13 @@ std::mutex& system_mutex() {  // Aravis' list of devices is one for the whole pr
   return mutex;
 }
 
+double monotonic_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+double wall_s() {  // as Aravis dates photos
+  return 1e-6 * static_cast<double>(g_get_real_time());
+}
+
 class OpenCamera final : public Camera {
  public:
   OpenCamera(std::string id, Owned<ArvCamera> camera, const AravisOptions& options)
@@ -99,8 +110,9 @@ class OpenCamera final : public Camera {
   Result<void> start();
   Result<void> guard_stream(std::size_t bytes);
   void stop();
+  ArvBuffer* next_photo();
   Result<std::optional<Exposure>> take_whole();
-  Result<Exposure> read_out(ArvBuffer* buffer, double asked_s);
+  Result<Exposure> read_out(ArvBuffer* buffer);
   Error is_gone(const Failure& failure);
 
   std::string id_;
@@ -109,8 +121,10 @@ class OpenCamera final : public Camera {
   Owned<ArvStream> stream_;
   PixelFormat format_;
   int width_ = 0, height_ = 0;
-  double exposure_ms_ = 0;
+  double exposure_ms_ = 0, begun_s_ = 0;  // begun: when the latest photo was, by the monotonic clock
   bool armed_ = false, gone_ = false;
+  bool runs_freely_ = false;              // it cannot be triggered
+  int in_flight_ = kInFlight;             // where it runs freely
   bool came_ = false;                     // the latest photo, if not whole
   bool owed_ = false;                     // a photo that was asked for has not come
   std::uint64_t photos_ = 0, block_ = 0;  // given; the number that the camera gave the latest (0 is none)
@@ -175,6 +189,8 @@ Result<void> OpenCamera::set_up() {
   CS_TRY_VOID(negotiate_packets());
   arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, failure.out());
   if (failure) return failed("acquisition mode", failure);
+  runs_freely_ = !has("TriggerSoftware");
+  if (runs_freely_) return switch_off("TriggerMode");
   arv_camera_set_trigger(camera_.get(), "Software", failure.out());
   if (failure) return failed("it cannot be triggered by software", failure);
   return {};
@@ -200,8 +216,11 @@ Result<std::size_t> OpenCamera::photo_bytes() {
 
 Result<void> OpenCamera::guard_stream(std::size_t bytes) {
   if (!ARV_IS_GV_STREAM(stream_.get())) return {};
-  g_object_set(stream_.get(), "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout", 20000u,
-               "frame-retention", 100000u, nullptr);
+  // A camera that runs freely sends another photo anyway; and the first packet of a photo, if it was asked for again,
+  // would come late and make an old photo look new.
+  g_object_set(stream_.get(), "packet-resend",
+               runs_freely_ ? ARV_GV_STREAM_PACKET_RESEND_NEVER : ARV_GV_STREAM_PACKET_RESEND_ALWAYS, "packet-timeout",
+               20000u, "frame-retention", runs_freely_ ? 20000u : 100000u, nullptr);
   Failure failure;
   const guint packet = arv_camera_gv_get_packet_size(camera_.get(), failure.out());
   if (failure || packet < 128)
@@ -228,7 +247,8 @@ Result<void> OpenCamera::start() {
         "try again",
         id_, failure.text());
   CS_TRY_VOID(guard_stream(bytes));
-  for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new(bytes, nullptr));
+  for (int i = 0; i < (runs_freely_ ? 2 * kBuffers : kBuffers); ++i)
+    arv_stream_push_buffer(stream_.get(), arv_buffer_new(bytes, nullptr));
   arv_camera_start_acquisition(camera_.get(), failure.out());
   if (failure) return failed("it does not start", failure);
   return {};
@@ -261,7 +281,7 @@ Result<void> OpenCamera::arm(double exposure_ms) {
     return error(ErrorCode::kDevice,
                  "camera '{}': an exposure of {} ms was asked for, it reads back {} ms; write that into the rig", id_,
                  exposure_ms, now);
-  exposure_ms_ = now;
+  if (std::exchange(exposure_ms_, now) != now) in_flight_ = kUntilExposed;
   if (!stream_) CS_TRY_VOID(start());
   armed_ = true;
   return {};
@@ -272,7 +292,7 @@ Error OpenCamera::is_gone(const Failure& failure) {
   return error(ErrorCode::kDevice, "camera '{}' is gone ({}); is it plugged in and powered?", id_, failure.text());
 }
 
-Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer, double asked_s) {
+Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer) {
   std::size_t size = 0;
   const void* data = arv_buffer_get_data(buffer, &size);
   const auto format = pixel_format(arv_buffer_get_image_pixel_format(buffer));
@@ -293,10 +313,33 @@ Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer, double asked_s) {
   exposure.values = std::move(*values);
   exposure.full_scale = format->full_scale();
   exposure.exposure_ms = exposure_ms_;
-  exposure.timestamp_s = asked_s;
+  exposure.timestamp_s = begun_s_;
   exposure.counter = photos_++;
   exposure.saturated = saturated_share(exposure.values, exposure.full_scale);
   return exposure;
+}
+
+// The next one; of a camera that runs freely the next that was begun after now, by the wall clock's time at which its
+// first packet came, and those held inside a camera are passed over, too. Null where none comes.
+ArvBuffer* OpenCamera::next_photo() {
+  const auto wait_us = static_cast<guint64>(1e6 * options_.timeout_s + 1e3 * exposure_ms_);
+  double asked_s = wall_s(), offset_s = asked_s - monotonic_s();
+  int left = in_flight_;
+  for (int i = 0; i < kMostOld; ++i) {
+    ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), wait_us);
+    if (buffer == nullptr || !runs_freely_) return buffer;
+    if (const double now = wall_s(), offset = now - monotonic_s(); std::abs(offset - offset_s) > kClockSet)
+      asked_s = now, offset_s = offset, left = in_flight_;
+    const double came_s = 1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer));
+    const bool is_new = came_s - 1e-3 * exposure_ms_ > asked_s && came_s <= wall_s();
+    if (is_new && left-- == 0) {
+      in_flight_ = kInFlight;
+      begun_s_ = came_s - 1e-3 * exposure_ms_ - offset_s;
+      return buffer;
+    }
+    arv_stream_push_buffer(stream_.get(), buffer);
+  }
+  return nullptr;
 }
 
 // One photo; none where it did not come, or parts of it were lost. After one that did not come the stream is begun
@@ -309,11 +352,10 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
     CS_TRY_VOID(start());
   }
   while (ArvBuffer* old = arv_stream_try_pop_buffer(stream_.get())) arv_stream_push_buffer(stream_.get(), old);
-  const double asked_s = std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-  arv_camera_software_trigger(camera_.get(), failure.out());
+  begun_s_ = monotonic_s();
+  if (!runs_freely_) arv_camera_software_trigger(camera_.get(), failure.out());
   if (failure) return is_gone(failure);
-  const auto wait_us = static_cast<guint64>(1e6 * options_.timeout_s + 1e3 * exposure_ms_);
-  ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), wait_us);
+  ArvBuffer* buffer = next_photo();
   came_ = buffer != nullptr;
   if (!came_) {  // of a camera that sends nothing, only an answer to a question tells whether it is there
     arv_camera_get_exposure_time(camera_.get(), failure.out());
@@ -325,7 +367,7 @@ Result<std::optional<Exposure>> OpenCamera::take_whole() {
   std::optional<Result<Exposure>> read;
   const guint64 block = arv_buffer_get_frame_id(buffer);
   if (arv_buffer_get_status(buffer) == ARV_BUFFER_STATUS_SUCCESS && block != block_) {
-    read = read_out(buffer, asked_s);
+    read = read_out(buffer);
     block_ = block;
   }
   arv_stream_push_buffer(stream_.get(), buffer);
@@ -346,9 +388,10 @@ Result<Exposure> OpenCamera::trigger() {
   if (!came_)
     return error(
         ErrorCode::kDevice,
-        "camera '{}' answers, but of {} triggers no photo came, each within {:.1f} s: a firewall that keeps its "
+        "camera '{}' answers, but in {} tries{} no photo came, each within {:.1f} s: a firewall that keeps its "
         "packets out, another network card that they go to, or a trigger mode that is not kept",
-        id_, options_.tries, options_.timeout_s + exposure_ms_ / 1e3);
+        id_, options_.tries, runs_freely_ ? " (it has no software trigger and should run freely)" : "",
+        options_.timeout_s + exposure_ms_ / 1e3);
   return error(
       ErrorCode::kDevice,
       "camera '{}': parts of every photo were lost on the way, or do not fit it, {} times: check cable and network "
@@ -424,7 +467,7 @@ Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const 
                  why.message);
   };
   if (l.camera.protocol == "GigEVision")
-    if (const auto size = check_description_size(l.camera.address); !size) return unusable(size.error());
+    if (const auto file = check_description_file(l.camera.address); !file) return unusable(file.error());
   Failure failure;
   const Owned<ArvDevice> opened(arv_open_device(name.c_str(), failure.out()));
   if (opened && !failure)

@@ -34,10 +34,12 @@ struct AravisOptions {
 // Opening switches automatic exposure, gain, white balance, black level and gamma off, and reads back what it has set.
 // arm(): an exposure outside the camera's range is kBadValue (names the range), one that the camera changes by more
 // than 1 % kDevice (names both). trigger() drops photos of the past, asks for one, and returns it only if it is whole:
-// one with holes, or that does not come, is taken again, `tries` times in all. Errors of trigger(): kDevice: the camera
-// is gone; no photo came (firewall, network card, trigger), or none was whole (packet size, cable); its photo is not as
-// large as it says. Errors: kDevice: none found, several and none named (lists them), another program has it;
-// kUnsupported without Aravis.
+// one with holes, or that does not come, is taken again, `tries` times in all. A camera without a software trigger runs
+// freely: of the photos whose first packet came an exposure or more after the question the third counts, the fifth
+// after a change of exposure, since cameras hold photos back; it is dated by that packet less its exposure. Errors of
+// trigger(): kDevice: the camera is gone; no photo came (firewall, network card, trigger), or none was whole (packet
+// size, cable); its photo is not as large as it says. Errors: kDevice: none found, several and none named (lists them),
+// another program has it; kUnsupported without Aravis.
 Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const std::string& device,
                                                    const AravisOptions& options = {});
 

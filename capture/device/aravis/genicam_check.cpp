@@ -12,6 +12,7 @@
 #include <array>
 #include <charconv>
 #include <map>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -19,29 +20,141 @@ namespace countershade::capture {
 
 namespace {
 
-constexpr std::uint64_t kLargest = 8 << 20;  // bytes of a description; those of today's cameras have 1 MB
+constexpr std::uint64_t kLargest = 8 << 20;           // bytes of a description; those of today's cameras have 1 MB
+constexpr std::uint64_t kLargestUnpacked = 32 << 20;  // of one that is zipped
 constexpr int kDeepest = 200;
 constexpr double kMostWays = 1e6;
 
-// What the camera says where its description lies ("Local:camera.zip;10000;2f5a"), by one register read (GigE Vision
-// 2.0, 16.5 and 28.2). Empty where no answer comes.
-std::string description_url(const std::string& address) {
-  constexpr std::uint8_t kReadMemory[16] = {0x42, 1, 0, 0x84, 0, 8, 0x7f, 1, 0, 0, 2, 0, 0, 0, 2, 0};
-  sockaddr_in camera{};
-  camera.sin_family = AF_INET, camera.sin_port = htons(3956);
-  if (inet_aton(address.c_str(), &camera.sin_addr) == 0) return "";
-  const int file = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  std::string url;
-  for (int i = 0; i < 3 && url.empty(); ++i) {
-    std::array<std::uint8_t, 1024> answer{};
-    pollfd waiting{file, POLLIN, 0};
-    if (connect(file, reinterpret_cast<sockaddr*>(&camera), sizeof camera) != 0) break;
-    if (send(file, kReadMemory, sizeof kReadMemory, 0) < 0 || poll(&waiting, 1, 500) <= 0) continue;
-    const ssize_t n = recv(file, answer.data(), answer.size() - 1, 0);
-    if (n > 12 && answer[3] == 0x85 && answer[6] == 0x7f) url = reinterpret_cast<const char*>(answer.data() + 12);
+using Bytes = std::vector<std::uint8_t>;
+
+// Memory of a GigE camera that nobody has opened (GigE Vision 2.0, 16.5: READMEM_CMD).
+class CameraMemory {
+ public:
+  explicit CameraMemory(const std::string& address) : file_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
+    sockaddr_in camera{};
+    camera.sin_family = AF_INET, camera.sin_port = htons(3956);
+    if (inet_aton(address.c_str(), &camera.sin_addr) == 0 ||
+        connect(file_, reinterpret_cast<sockaddr*>(&camera), sizeof camera) != 0)
+      close(file_), file_ = -1;
   }
-  close(file);
-  return url;
+  CameraMemory(const CameraMemory&) = delete;
+  CameraMemory& operator=(const CameraMemory&) = delete;
+  ~CameraMemory() {
+    if (file_ >= 0) close(file_);
+  }
+
+  // Empty where the camera does not answer.
+  Bytes read(std::uint32_t at, std::uint32_t size) {
+    Bytes all;
+    while (all.size() < size) {
+      const std::uint32_t left = size - static_cast<std::uint32_t>(all.size());
+      const Bytes part = block(at + static_cast<std::uint32_t>(all.size()), std::min(kBlock, (left + 3) / 4 * 4));
+      if (part.empty()) return {};
+      all.insert(all.end(), part.begin(), part.end());
+    }
+    all.resize(size);
+    return all;
+  }
+
+ private:
+  static constexpr std::uint32_t kBlock = 512;  // bytes that every camera gives at once
+
+  Bytes block(std::uint32_t at, std::uint32_t count) {
+    for (int i = 0; i < 3 && file_ >= 0; ++i) {
+      const std::uint16_t id = ++id_ == 0 ? ++id_ : id_;
+      const auto byte = [](std::uint32_t value, int shift) { return static_cast<std::uint8_t>(value >> shift); };
+      const std::uint8_t question[16] = {0x42,
+                                         1,
+                                         0,
+                                         0x84,
+                                         0,
+                                         8,
+                                         byte(id, 8),
+                                         byte(id, 0),
+                                         byte(at, 24),
+                                         byte(at, 16),
+                                         byte(at, 8),
+                                         byte(at, 0),
+                                         0,
+                                         0,
+                                         byte(count, 8),
+                                         byte(count, 0)};
+      std::array<std::uint8_t, 1024> answer{};
+      pollfd waiting{file_, POLLIN, 0};
+      if (send(file_, question, sizeof question, 0) < 0) continue;
+      while (poll(&waiting, 1, 500) > 0) {
+        const ssize_t n = recv(file_, answer.data(), answer.size(), 0);
+        if (n < 0) break;
+        if (n < 12 + static_cast<ssize_t>(count) || answer[3] != 0x85 || answer[6] != question[6] ||
+            answer[7] != question[7])
+          continue;  // of a former question
+        return {answer.begin() + 12, answer.begin() + 12 + count};
+      }
+    }
+    return {};
+  }
+
+  int file_;
+  std::uint16_t id_ = 0x7f00;
+};
+
+// Where a description lies ("Local:camera.zip;10000;2f5a"; GigE Vision 2.0, 16.5 and 28.2).
+struct Place {
+  std::string text;
+  std::optional<std::uint64_t> at, size;
+  bool zipped = false;
+};
+Place place_of(const Bytes& register_text) {
+  Place place;
+  place.text.assign(register_text.begin(), std::find(register_text.begin(), register_text.end(), 0));
+  std::string url = place.text;
+  std::transform(url.begin(), url.end(), url.begin(), g_ascii_tolower);
+  std::vector<std::string> parts(1);
+  for (const char c : url) c == ';' ? parts.emplace_back() : parts.back() += c;
+  const auto hex = [](std::string digits) -> std::optional<std::uint64_t> {
+    if (digits.starts_with("0x")) digits.erase(0, 2);
+    std::uint64_t value = 0;
+    const auto read = std::from_chars(digits.data(), digits.data() + digits.size(), value, 16);
+    if (read.ec == std::errc::result_out_of_range) return UINT64_MAX;
+    if (read.ec != std::errc()) return std::nullopt;
+    return value;
+  };
+  if (parts.size() >= 3 && parts[0].starts_with("local:")) place.at = hex(parts[1]), place.size = hex(parts[2]);
+  place.zipped = parts[0].ends_with(".zip");
+  return place;
+}
+
+// Why Aravis cannot unpack an archive; it believes every number in it. Numbers are little-endian (PKWARE's APPNOTE).
+std::optional<std::string> damage(const Bytes& zip) {
+  const auto number = [&](std::uint64_t at, int bytes) {
+    std::uint64_t value = 0;
+    for (int i = bytes - 1; i >= 0; --i) value = value << 8 | zip[at + i];
+    return value;
+  };
+  const std::uint64_t size = zip.size();
+  std::uint64_t end = size < 22 ? 0 : size - 22;
+  for (; end > 0 && number(end, 4) != 0x06054b50;) --end;
+  if (end == 0) return "it has no directory";
+  const std::uint64_t files = number(end + 10, 2), length = number(end + 12, 4), offset = number(end + 16, 4);
+  // What stands behind the last directory may look like one; Aravis would take it.
+  for (std::uint64_t i = end + 1; i + 4 <= size; ++i)
+    if (number(i, 4) == 0x06054b50) return "its directory is cut short";
+  if (files == 0 || offset + length > end) return "its directory is not where it says";
+  const std::uint64_t before = end - offset - length;  // bytes in front of the archive
+  std::uint64_t at = before + offset;
+  for (std::uint64_t i = 0; i < files; ++i) {
+    if (at + 46 > size || number(at, 4) != 0x02014b50) return "its directory is cut short";
+    const std::uint64_t packed = number(at + 20, 4), unpacked = number(at + 24, 4), file = before + number(at + 42, 4);
+    const std::uint64_t next = at + 46 + number(at + 28, 2) + number(at + 30, 2) + number(at + 32, 2);
+    if (next > size) return "its directory is cut short";
+    if (unpacked > kLargestUnpacked)
+      return fmt::format("it would be {} MB unpacked, more than {}", unpacked >> 20, kLargestUnpacked >> 20);
+    if (file + 30 > size || number(file, 4) != 0x04034b50 ||
+        file + 30 + number(file + 26, 2) + number(file + 28, 2) + packed > size)
+      return "a file in it is not where its directory says";
+    at = next;
+  }
+  return std::nullopt;
 }
 
 // What Aravis is asked for here, by whichever name cameras have it.
@@ -148,14 +261,23 @@ Result<void> find_values(const References& references, const std::string& name) 
 
 }  // namespace
 
-Result<void> check_description_size(const std::string& address) {
-  const std::string url = description_url(address);
-  const std::size_t at = url.find(';'), size_at = at == std::string::npos ? at : url.find(';', at + 1);
-  if (size_at == std::string::npos) return {};
-  std::uint64_t size = 0;
-  const auto read = std::from_chars(url.data() + size_at + 1, url.data() + url.size(), size, 16);
-  if (read.ec == std::errc::invalid_argument || (read.ec == std::errc() && size <= kLargest)) return {};
-  return error(ErrorCode::kDevice, "it says that its description ('{}') is longer than {} MB", url, kLargest >> 20);
+Result<void> check_description_file(const std::string& address) {
+  CameraMemory memory(address);
+  for (const std::uint32_t at : {0x200u, 0x400u}) {  // Aravis tries the second where the first does not lead anywhere
+    const Bytes text = memory.read(at, 512);
+    if (text.empty()) return {};
+    const Place place = place_of(text);
+    if (!place.at || !place.size) continue;
+    if (*place.size > kLargest)
+      return error(ErrorCode::kDevice, "it says that its description ('{}') is longer than {} MB", place.text,
+                   kLargest >> 20);
+    if (!place.zipped) continue;
+    const Bytes zip = memory.read(static_cast<std::uint32_t>(*place.at), static_cast<std::uint32_t>(*place.size));
+    if (zip.empty()) return error(ErrorCode::kDevice, "its description ('{}') cannot be read", place.text);
+    if (const auto why = damage(zip))
+      return error(ErrorCode::kDevice, "its description ('{}') cannot be unpacked: {}", place.text, *why);
+  }
+  return {};
 }
 
 Result<void> check_description(ArvDevice* device) {

@@ -59,10 +59,16 @@ std::string genicam_description(const GenicamCamera& camera, const GenicamTransp
     if (std::find(camera.formats.begin(), camera.formats.end(), f.name) != camera.formats.end())
       formats.emplace_back(f.name, f.code);
   std::string features;
-  for (const char* f : {"Width", "Height", "PixelFormat", "AcquisitionMode", "AcquisitionStart", "AcquisitionStop",
-                        "ExposureTime", "ExposureAuto", "TriggerSelector", "TriggerMode", "TriggerSource",
-                        "TriggerActivation", "TriggerSoftware", "PayloadSize"})
-    features += fmt::format("<pFeature>{}</pFeature>", f);
+  for (const std::string f : {"Width", "Height", "PixelFormat", "AcquisitionMode", "AcquisitionStart",
+                              "AcquisitionStop", "ExposureTime", "ExposureAuto", "TriggerSelector", "TriggerMode",
+                              "TriggerSource", "TriggerActivation", "TriggerSoftware", "PayloadSize"})
+    if (camera.triggered || !f.starts_with("Trigger")) features += fmt::format("<pFeature>{}</pFeature>", f);
+  const std::string trigger =
+      enumeration("TriggerSelector", {{"FrameStart", 0}}, "ZeroReg") +
+      enumeration("TriggerMode", {{"Off", 0}, {"On", 1}}, "TriggerModeReg") +
+      enumeration("TriggerSource", {{"Line0", 0}, {"Software", 1}}, "TriggerSourceReg") +
+      enumeration("TriggerActivation", {{"RisingEdge", 0}}, "ZeroReg") +
+      "<Command Name=\"TriggerSoftware\"><pValue>TriggerReg</pValue><CommandValue>1</CommandValue></Command>\n";
   return "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n"
          "<RegisterDescription ModelName=\"RoomCamera\" VendorName=\"Countershade\" ToolTip=\"tests\" "
          "StandardNameSpace=\"" +
@@ -79,12 +85,7 @@ std::string genicam_description(const GenicamCamera& camera, const GenicamTransp
          "<Command Name=\"AcquisitionStop\"><pValue>RunReg</pValue><CommandValue>0</CommandValue></Command>\n"
          "<Float "
          "Name=\"ExposureTime\"><pValue>ExposureReg</pValue><Min>10</Min><Max>1000000</Max><Unit>us</Unit></Float>\n" +
-         enumeration("ExposureAuto", {{"Off", 0}, {"Continuous", 1}}, "AutoReg") +
-         enumeration("TriggerSelector", {{"FrameStart", 0}}, "ZeroReg") +
-         enumeration("TriggerMode", {{"Off", 0}, {"On", 1}}, "TriggerModeReg") +
-         enumeration("TriggerSource", {{"Line0", 0}, {"Software", 1}}, "TriggerSourceReg") +
-         enumeration("TriggerActivation", {{"RisingEdge", 0}}, "ZeroReg") +
-         "<Command Name=\"TriggerSoftware\"><pValue>TriggerReg</pValue><CommandValue>1</CommandValue></Command>\n"
+         enumeration("ExposureAuto", {{"Off", 0}, {"Continuous", 1}}, "AutoReg") + (camera.triggered ? trigger : "") +
          "<IntSwissKnife Name=\"PayloadSize\"><pVariable Name=\"W\">WidthReg</pVariable><pVariable "
          "Name=\"H\">HeightReg</pVariable><pVariable Name=\"F\">FormatReg</pVariable>"
          "<Formula>W*H*((F&gt;&gt;16)&amp;0xFF)/8</Formula></IntSwissKnife>\n" +

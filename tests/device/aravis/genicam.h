@@ -25,6 +25,7 @@ enum FeatureRegister : std::uint32_t {
 struct GenicamCamera {
   int width, height;
   std::vector<std::string> formats;
+  bool triggered = true;  // else it runs freely
 };
 struct GenicamTransport {
   std::string name;        // "GEV", "U3V"

@@ -15,6 +15,7 @@
 #include <chrono>
 #include <cstring>
 #include <ctime>
+#include <optional>
 #include <random>
 
 #include "calib/base/check.h"
@@ -90,6 +91,12 @@ struct GigeCamera::State {
   int control = -1, stream = -1;
   std::mt19937 random{20};
   std::vector<std::vector<std::uint8_t>> held;  // packets that wait for the next photo
+  struct Exposed {
+    std::vector<std::uint8_t> photo;
+    unsigned block = 0;
+    std::uint64_t taken_ns = 0;
+  };
+  std::optional<Exposed> former;  // of a camera that runs freely: is sent when the next one is exposed
 
   std::uint32_t get(std::uint32_t at) const { return get32(space.data() + at); }
   void set(std::uint32_t at, std::uint32_t v) { put32(space.data() + at, v); }
@@ -106,13 +113,15 @@ struct GigeCamera::State {
   void send_photo();
   void send_faults_before();
   void develop(const std::vector<std::uint16_t>& values);
-  void write(std::uint32_t at, std::uint32_t value, int& photos);
-  void take(int& photos);
+  void write(std::uint32_t at, std::uint32_t value, std::atomic<int>& photos);
+  void take(std::atomic<int>& photos);
 };
 
 void GigeCamera::State::start() {
   std::string xml = options.description;
-  if (xml.empty()) xml = genicam_description({options.width, options.height, options.formats}, {"GEV", "BigEndian", 0});
+  if (xml.empty())
+    xml = genicam_description({options.width, options.height, options.formats, !options.runs_freely},
+                              {"GEV", "BigEndian", 0});
   space.resize(kXmlAt + (xml.size() + 3) / 4 * 4);
   in_addr address{};
   inet_aton(options.address.c_str(), &address);
@@ -120,7 +129,8 @@ void GigeCamera::State::start() {
   set(kAddress, ntohl(address.s_addr)), set(kMask, 0xff000000);
   text(kVendor, "Countershade"), text(kModel, "RoomCamera"), text(kDeviceVersion, "1"), text(kSerial, options.serial);
   const std::size_t claimed = options.claimed_description > 0 ? options.claimed_description : xml.size();
-  text(kFirstUrl, fmt::format("Local:room.xml;{:x};{:x}", kXmlAt, claimed)), text(kXmlAt, xml);
+  const char* file = xml.starts_with("PK") ? "room.zip" : "room.xml";
+  text(kFirstUrl, fmt::format("Local:{};{:x};{:x}", file, kXmlAt, claimed)), text(kXmlAt, xml);
   set(kChannels, 1), set(kCapabilities, 0x7), set(kHeartbeat, 3000), set(kTickLow, 1000000000);
   set(kPacketSize, 1400), set(kWidth, options.width), set(kHeight, options.height);
   for (const capture::PixelFormat& f : capture::pixel_formats())
@@ -239,7 +249,7 @@ void GigeCamera::State::develop(const std::vector<std::uint16_t>& values) {
   }
 }
 
-void GigeCamera::State::take(int& photos) {
+void GigeCamera::State::take(std::atomic<int>& photos) {
   const double exposure_us = get(kExposure);
   usleep(static_cast<useconds_t>(exposure_us));
   ++photos;
@@ -256,10 +266,17 @@ void GigeCamera::State::take(int& photos) {
     if (has(GigeFault::kClockBack)) taken_ns -= 1000000000ull * photos;
     if (has(GigeFault::kClockAhead)) taken_ns |= 0x7full << 56;
   }
-  send_photo();
+  if (!options.runs_freely) return send_photo();
+  Exposed now{std::move(photo), block, taken_ns};
+  if (former) {
+    photo = std::move(former->photo), block = former->block, taken_ns = former->taken_ns;
+    send_photo();
+  }
+  block = now.block;
+  former = std::move(now);
 }
 
-void GigeCamera::State::write(std::uint32_t at, std::uint32_t value, int& photos) {
+void GigeCamera::State::write(std::uint32_t at, std::uint32_t value, std::atomic<int>& photos) {
   if (at >= kXmlAt - 4) return;
   if (at == kExposure && options.exposure_step_us > 0)
     value = static_cast<std::uint32_t>(std::max(1.0, std::round(value / options.exposure_step_us)) *
@@ -303,7 +320,11 @@ void GigeCamera::serve() {
   State& s = *state_;
   while (!stop_ && !(s.options.unplug_after > 0 && photos_ >= s.options.unplug_after)) {
     pollfd waiting{s.control, POLLIN, 0};
-    if (poll(&waiting, 1, 20) <= 0) continue;
+    const bool exposes = s.options.runs_freely && s.get(kRun);
+    if (poll(&waiting, 1, exposes ? 0 : 20) <= 0) {
+      if (exposes) s.take(photos_);
+      continue;
+    }
     std::uint8_t in[2048], out[2048] = {};
     sockaddr_in from{};
     socklen_t from_size = sizeof from;
@@ -350,12 +371,10 @@ void GigeCamera::serve() {
     put16(out + 2, command + 1), put16(out + 4, size), put16(out + 6, get16(in + 6));
     // A trigger is acknowledged before the exposure; other settings count once they are acknowledged.
     const bool triggers = !writes.empty() && writes[0].first == kTrigger;
-    int photos = photos_;
     if (!triggers)
-      for (const auto& [at, value] : writes) s.write(at, value, photos);
+      for (const auto& [at, value] : writes) s.write(at, value, photos_);
     sendto(s.control, out, size + 8, 0, reinterpret_cast<sockaddr*>(&from), from_size);
-    if (triggers) s.write(kTrigger, writes[0].second, photos);
-    photos_ = photos;
+    if (triggers) s.write(kTrigger, writes[0].second, photos_);
   }
 }
 

@@ -57,6 +57,7 @@ struct GigeOptions {
   int claimed_width = 0;        // what a photo says that its width is; 0 = the truth
   bool repeats_frame = false;   // every second photo is the one before, with its number
   int unplug_after = 0;         // it is unplugged when it has taken so many photos; 0 = never
+  bool runs_freely = false;     // cannot be triggered; exposes one photo while it sends the one before
   GigeFault fault = GigeFault::kNone;
   std::string description = "";         // instead of the right one; "" = that
   std::size_t claimed_description = 0;  // bytes that it says it has; 0 = the truth

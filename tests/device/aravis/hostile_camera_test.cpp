@@ -219,6 +219,63 @@ TEST_F(HostileDescription, OneOfFiftyMegabytesIsNotRead) {
   EXPECT_THAT(complaint("", 50 << 20), HasSubstr("longer than 8 MB"));
 }
 
+// A description in an archive, stored as it is: local header, file, directory of one entry, end.
+struct Archive {
+  std::string bytes;
+  std::size_t directory = 0, end = 0;  // where they begin
+  void number(std::size_t at, std::uint64_t value, int size = 4) {
+    for (int i = 0; i < size; ++i) bytes[at + i] = static_cast<char>(value >> (8 * i));
+  }
+};
+Archive zipped(const std::string& text) {
+  const std::string name = "room.xml";
+  Archive a;
+  const auto header = [&](std::uint32_t magic, std::size_t length) {
+    const std::size_t at = a.bytes.size();
+    a.bytes.append(length, '\0');
+    a.number(at, magic);
+    return at;
+  };
+  const std::size_t local = header(0x04034b50, 30);
+  a.number(local + 18, text.size()), a.number(local + 22, text.size()), a.number(local + 26, name.size(), 2);
+  a.bytes += name + text;
+  a.directory = header(0x02014b50, 46);
+  a.number(a.directory + 20, text.size()), a.number(a.directory + 24, text.size());
+  a.number(a.directory + 28, name.size(), 2);
+  a.bytes += name;
+  a.end = header(0x06054b50, 22);
+  a.number(a.end + 8, 1, 2), a.number(a.end + 10, 1, 2);
+  a.number(a.end + 12, a.end - a.directory), a.number(a.end + 16, a.directory);
+  return a;
+}
+
+TEST_F(HostileDescription, AZippedOneIsTaken) {
+  EXPECT_EQ(complaint(zipped(with_part(kExposure, kExposure)).bytes), "");
+}
+
+// Each of them ends Aravis 0.8.26, or has it ask for gigabytes.
+TEST_F(HostileDescription, ArchivesThatLeadOutOfThemselvesAreErrors) {
+  const Archive right = zipped(with_part(kExposure, kExposure));
+  const auto with = [&](std::size_t at, std::uint64_t value, int size = 4) {
+    Archive wrong = right;
+    wrong.number(at, value, size);
+    return complaint(wrong.bytes);
+  };
+  EXPECT_THAT(with(right.directory + 24, 1u << 30), HasSubstr("1024 MB unpacked"));
+  EXPECT_THAT(with(right.directory + 20, 0x7fffffff), HasSubstr("not where its directory says"));
+  EXPECT_THAT(with(right.directory + 42, 0x7fffffff), HasSubstr("not where its directory says"));
+  EXPECT_THAT(with(26, 0xffff, 2), HasSubstr("not where its directory says"));
+  EXPECT_THAT(with(right.directory + 28, 0xffff, 2), HasSubstr("cut short"));
+  EXPECT_THAT(with(right.end + 16, 0xfffffff0), HasSubstr("not where it says"));
+  EXPECT_THAT(with(right.end + 12, 0), HasSubstr("cut short"));
+  EXPECT_THAT(with(right.end, 0), HasSubstr("no directory"));
+  Archive many = right;
+  many.number(many.end + 8, 0xffff, 2), many.number(many.end + 10, 0xffff, 2);
+  EXPECT_THAT(complaint(many.bytes), HasSubstr("cut short"));
+  EXPECT_THAT(complaint(right.bytes.substr(0, right.bytes.size() - 10)), HasSubstr("no directory"));
+  EXPECT_THAT(complaint(right.bytes + right.bytes.substr(right.end, 10)), HasSubstr("cut short"));
+}
+
 TEST_F(HostileDescription, NodesThatReferToThemselvesAreNamed) {
   EXPECT_THAT(complaint(with_part("<Min>10</Min>", "<pMin>ExposureTime</pMin>")),
               HasSubstr("node 'ExposureTime' of its description refers to itself"));
