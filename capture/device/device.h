@@ -22,6 +22,16 @@ struct Exposure {
   int lost = 0;          // photos before this one that did not arrive whole, and were taken again
 };
 
+// What a camera has been like since it was opened.
+struct Health {
+  int photos = 0;       // that came
+  int again = 0;        // that did not arrive whole and were taken again
+  int clock_back = 0;   // whose time was before that of the photo before
+  std::string failure;  // why the last thing that was asked of it failed; empty: it did not
+  // Why its photos, or those that are to come, are not to be trusted; empty: they are.
+  std::string unhealthy() const;
+};
+
 class Camera {
  public:
   virtual ~Camera() = default;
@@ -30,6 +40,8 @@ class Camera {
   virtual Result<void> arm(double exposure_ms) = 0;
   // Exposes once, now, and returns the photo. Requires arm().
   virtual Result<Exposure> trigger() = 0;
+  // Of a camera that is watched (health.h); else nothing is known, which is taken for health.
+  virtual Health health() const { return {}; }
 };
 
 class Projector {

@@ -5,6 +5,7 @@
 #include <map>
 #include <optional>
 
+#include "calib/base/parallel.h"
 #include "calib/image/image_file.h"
 #include "capture/session/frame_judge.h"
 #include "capture/session/session_folder.h"
@@ -47,7 +48,7 @@ class Capture {
     return folder_ / "photos" / camera.spec->id / photo_name(sequence_.frames[f].index, exposure, ".tif");
   }
   bool complete(int f) const;
-  Result<void> load_photo(int f, std::size_t c, std::size_t e);
+  Result<void> load_photos(std::size_t c);
   Wanted wanted(int f, bool all) const;
   Result<void> store(int f, const std::vector<Shot>& shots);
   std::vector<int> telling_frames() const;
@@ -67,7 +68,7 @@ class Capture {
   Result<Bins> stored_pixels(int f, std::size_t c) const;
   Views bins_of(int f, const std::vector<Shot>& shots) const;
 
-  Result<Change> moved(int f, std::vector<Shot> now);
+  Result<Change> moved(int f, std::vector<Shot> now, const std::function<Result<void>()>& show_again = {});
   Result<Change> shifted(int f, const std::vector<Shot>& now, double shake_px) const;
   std::vector<int> frames_to_compare(const std::string& projector) const;
   Result<Change> view_changed();
@@ -94,23 +95,43 @@ bool Capture::complete(int f) const {
   return true;
 }
 
-Result<void> Capture::load_photo(int f, std::size_t c, std::size_t e) {
-  const fs::path path = photo_path(f, stage_.cameras()[c], e);
-  if (!fs::exists(path)) return {};
-  const auto read = read_image(path);
-  if (!read) {
-    progress_.warn(fmt::format("{}; it is taken again", read.error().message));
-    return {};
+Result<void> Capture::load_photos(std::size_t c) {
+  struct Stored {
+    int f;
+    std::size_t e;
+    fs::path path;
+    std::string unreadable;
+    std::array<int, 3> size{0, 0, 0};
+    Bins bins;
+  };
+  std::vector<Stored> stored;
+  for (int f = 0; f < frames(); ++f)
+    for (std::size_t e = 0; e < stage_.cameras()[c].exposures.size(); ++e)
+      if (fs::path path = photo_path(f, stage_.cameras()[c], e); fs::exists(path))
+        stored.push_back({f, e, std::move(path), {}, {}, {}});
+  parallel_for(static_cast<int>(stored.size()), [&](int i) {
+    Stored& one = stored[i];
+    const auto read = read_image(one.path);
+    if (!read) {
+      one.unreadable = read.error().message;
+      return;
+    }
+    one.size = {read->values.width(), read->values.height(), read->values.channels()};
+    if (one.e == 0) one.bins = bin_photo(read->values, read->full_scale, *stage_.cameras()[c].spec);
+  });
+  for (Stored& one : stored) {
+    if (!one.unreadable.empty()) {
+      progress_.warn(one.unreadable + "; it is taken again");
+      continue;
+    }
+    if (stage_.size(c)[0] == 0) stage_.size(c) = one.size;
+    if (stage_.size(c) != one.size)
+      return error(ErrorCode::kRefused,
+                   "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong",
+                   one.path.string(), one.size[0], one.size[1], stage_.size(c)[0], stage_.size(c)[1]);
+    have_[one.f][c][one.e] = true;
+    if (one.e == 0) judge_.keep(one.f, c, std::move(one.bins));
   }
-  const Image& values = read->values;
-  const std::array<int, 3> size{values.width(), values.height(), values.channels()};
-  if (stage_.size(c)[0] == 0) stage_.size(c) = size;
-  if (stage_.size(c) != size)
-    return error(ErrorCode::kRefused,
-                 "'{}' has {}x{} pixels, the photos before it {}x{}: remove the ones that are wrong", path.string(),
-                 size[0], size[1], stage_.size(c)[0], stage_.size(c)[1]);
-  have_[f][c][e] = true;
-  if (e == 0) judge_.keep(f, c, bin_photo(values, read->full_scale, *stage_.cameras()[c].spec));
   return {};
 }
 
@@ -127,8 +148,7 @@ Result<void> Capture::load_stored() {
       return error(ErrorCode::kIo, "folder '{}' cannot be created: {}; check the disk and its permissions",
                    folder.string(), reason.message());
     CS_TRY_VOID(remove_unfinished(folder));
-    for (int f = 0; f < frames(); ++f)
-      for (std::size_t e = 0; e < stage_.cameras()[c].exposures.size(); ++e) CS_TRY_VOID(load_photo(f, c, e));
+    CS_TRY_VOID(load_photos(c));
   }
   for (int f = 0; f < frames(); ++f)
     if (options_.stored && complete(f)) options_.stored(sequence_.frames[f].index);
@@ -319,8 +339,9 @@ Result<void> Capture::accept(int f, const std::vector<Image>& blocks, const View
 // ---- does the session still show what stands there? ----
 
 // Whether the cameras see frame f, which is shown, as it was stored. A camera that shakes is given more photos to find
-// back. Of stripes a shift is looked for first: a small one moves much of their light.
-Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
+// back; show_again: where f is not shown any more. Of stripes a shift is looked for first: a small one moves much of
+// their light.
+Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now, const std::function<Result<void>()>& show_again) {
   const bool stripes = is_striped(sequence_.frames[f].role);
   double shake_px = 0, shake = 0;
   for (int photo = 0;; ++photo) {
@@ -331,6 +352,7 @@ Result<Capture::Change> Capture::moved(int f, std::vector<Shot> now) {
     }
     if (change.why.empty() && stripes) change.why = judge_.moved(f, views_of(now), shake);
     if (change.why.empty() || photo == kShakePhotos) return change;
+    if (photo == 0 && show_again) CS_TRY_VOID(show_again());
     CS_TRY(std::vector<Shot> next, stage_.look());
     for (std::size_t c = 0; c < next.size(); ++c) {
       shake = std::max(shake, change_of_view(now[c].bins, next[c].bins).first);
@@ -381,17 +403,29 @@ std::vector<int> Capture::frames_to_compare(const std::string& projector) const 
 // Whether such frames of all projectors are still seen as they were stored; of several changes the gravest. Stripes
 // whose light is elsewhere, though nobody can tell by how much, weigh less than a shift that was measured.
 Result<Capture::Change> Capture::view_changed() {
-  Change largest;
+  std::vector<int> looked_at;
   for (const auto& [id, size] : sequence_.projectors)
-    for (const int f : frames_to_compare(id)) {
+    for (const int f : frames_to_compare(id)) looked_at.push_back(f);
+  Change largest;
+  bool shown = false;  // the next one, while the one before was looked at
+  for (std::size_t i = 0; i < looked_at.size(); ++i) {
+    const int f = looked_at[i];
+    const auto show = [&]() -> Result<void> {
       CS_TRY(const Pictures pictures, stage_.pictures_of(sequence_.frames[f]));
-      CS_TRY_VOID(stage_.show_for_photo(pictures, stage_.shows(), 1));
-      CS_TRY(std::vector<Shot> now, stage_.look());
-      CS_TRY(Change change, moved(f, std::move(now)));
-      if (change.why.empty()) continue;
-      if (change.shift_px == 0 && !is_striped(sequence_.frames[f].role)) return change;
-      if (largest.why.empty() || change.shift_px > largest.shift_px) largest = std::move(change);
+      shown = false;
+      return stage_.show_for_photo(pictures, stage_.shows(), 1);
+    };
+    CS_TRY_VOID(shown ? stage_.await_photo(1) : show());
+    CS_TRY(std::vector<Shot> now, stage_.look());
+    if (shown = i + 1 < looked_at.size() && stage_.shows() == 1; shown) {
+      CS_TRY(const Pictures next, stage_.pictures_of(sequence_.frames[looked_at[i + 1]]));
+      CS_TRY_VOID(stage_.show_ahead(next));
     }
+    CS_TRY(Change change, moved(f, std::move(now), show));
+    if (change.why.empty()) continue;
+    if (change.shift_px == 0 && !is_striped(sequence_.frames[f].role)) return change;
+    if (largest.why.empty() || change.shift_px > largest.shift_px) largest = std::move(change);
+  }
   return largest;
 }
 
@@ -489,7 +523,12 @@ Result<void> capture_session(const Rig& rig, const std::string& simulation_toml,
   CS_TRY(const FolderLock lock, FolderLock::take(folder));
   CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence, options.extend));
   CS_TRY_VOID(capture.load_stored());
-  return capture.take_missing();
+  for (const std::string& line : unhealthy_cameras(folder)) progress.note(line + " (when this session was left)");
+  const auto taken = capture.take_missing();
+  mark_unhealthy(folder, devices);
+  if (taken)
+    for (const std::string& line : unhealthy_cameras(folder)) progress.warn(line);
+  return taken;
 }
 
 }  // namespace countershade::capture

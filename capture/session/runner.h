@@ -46,6 +46,9 @@ struct CaptureOptions {
 // are moved to `folder`/outdated, and taken again, once. A view that goes on shifting, by 1 px at most, is warned of
 // then; another one is refused.
 //
+// A camera that failed, or that had to be asked again and again (Camera::health), is marked in `folder`/unhealthy.json
+// until a capture ends with all cameras well; what is stored stands.
+//
 // rig_toml and simulation_toml are the texts to store (simulation_toml may be empty). Errors: kExists (another rig or
 // sequence stands there), kDevice, kIo, kBadValue (sequence and rig disagree), kRefused (the camera moved, or another
 // process is writing this session).

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
-#include <vector>
+#include <nlohmann/json.hpp>
 
 #include "calib/file/file.h"
 
@@ -19,6 +19,7 @@ namespace {
 
 constexpr const char* kLock = ".lock";
 constexpr const char* kDraft = ".header";
+constexpr const char* kUnhealthy = "unhealthy.json";
 
 Error io_error(const fs::path& path, const std::error_code& reason) {
   return error(ErrorCode::kIo, "'{}' cannot be written: {}; check the disk and its permissions", path.string(),
@@ -130,6 +131,36 @@ Result<void> remove_unfinished(const fs::path& folder) {
   for (const fs::path& path : unfinished) fs::remove(path, reason);
   if (reason) return io_error(folder, reason);
   return {};
+}
+
+void mark_unhealthy(const fs::path& folder, const Devices& devices) {
+  nlohmann::ordered_json cameras = nlohmann::ordered_json::object();
+  bool asked = false;
+  for (const auto& camera : devices.cameras) {
+    const Health health = camera->health();
+    asked |= health.photos > 0;
+    if (const std::string why = health.unhealthy(); !why.empty())
+      cameras[camera->id()] = {{"why", why}, {"photos", health.photos}, {"taken_again", health.again}};
+  }
+  std::error_code ignored;
+  const fs::path path = folder / kUnhealthy;
+  if (cameras.empty() && asked) fs::remove(path, ignored);
+  if (!cameras.empty())
+    static_cast<void>(write_atomically(path, nlohmann::ordered_json{{"cameras", cameras}}.dump(1) + "\n"));
+}
+
+std::vector<std::string> unhealthy_cameras(const fs::path& folder) {
+  std::vector<std::string> lines;
+  std::error_code reason;
+  if (!fs::exists(folder / kUnhealthy, reason)) return lines;
+  const auto text = read_text(folder / kUnhealthy);
+  const auto document = nlohmann::json::parse(text ? *text : "", nullptr, false);
+  const auto cameras = document.is_object() ? document.find("cameras") : document.end();
+  if (cameras == document.end() || !cameras->is_object()) return lines;
+  for (const auto& [id, entry] : cameras->items())
+    if (entry.is_object() && entry.contains("why") && entry["why"].is_string())
+      lines.push_back(fmt::format("camera '{}' was unhealthy: {}", id, entry["why"].get<std::string>()));
+  return lines;
 }
 
 Result<void> check_sequence(const Rig& rig, const Sequence& sequence) {

@@ -3,9 +3,11 @@
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 #include "calib/base/result.h"
 #include "calib/file/session.h"
+#include "capture/device/device.h"
 
 namespace countershade::capture {
 
@@ -39,6 +41,12 @@ Result<void> write_or_compare_header(const std::filesystem::path& folder, const 
 bool begins_with(const Sequence& whole, const Sequence& part);
 // Removes what a killed writer left unfinished in a folder of photos.
 Result<void> remove_unfinished(const std::filesystem::path& folder);
+
+// Writes which cameras are unhealthy, and why, into `folder`/unhealthy.json; removes it when all are well and have
+// taken photos. Says nothing where it cannot: what went wrong before counts.
+void mark_unhealthy(const std::filesystem::path& folder, const Devices& devices);
+// What stands there, a line per camera; empty: nothing. Never fails.
+std::vector<std::string> unhealthy_cameras(const std::filesystem::path& folder);
 
 // Every projector of the sequence is in the rig, with the same resolution; there is a frame. Error: kBadValue.
 Result<void> check_sequence(const Rig& rig, const Sequence& sequence);

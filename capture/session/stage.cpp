@@ -94,10 +94,11 @@ Result<void> Stage::show_ahead(const Pictures& pictures) {
   return {};
 }
 
-Result<void> Stage::await_photo() {
+Result<void> Stage::await_photo(int late) {
   const std::chrono::duration<double, std::milli> passed = std::chrono::steady_clock::now() - ahead_since_;
   // On a clock of their own no time has passed for the devices.
-  return wait_until_taken(std::max(0.0, lateness_.wait_ms - (devices_.clock ? 0 : passed.count())));
+  const double wait_ms = lateness_.wait_ms + late * options_.retake_wait_ms;
+  return wait_until_taken(std::max(0.0, wait_ms - (devices_.clock ? 0 : passed.count())));
 }
 
 // Stored numbers of one exposure, scaled to 16 bits where the rig does not say what full scale is.

@@ -53,7 +53,7 @@ class Stage {
   Result<void> show_for_photo(const Pictures& pictures, int shows, int late);
   // The same in two halves, for a frame that is shown once: between them there is time for other work.
   Result<void> show_ahead(const Pictures& pictures);
-  Result<void> await_photo();
+  Result<void> await_photo(int late = 0);
   Result<std::vector<Shot>> photograph(const Wanted& wanted);
   // Photographs what is shown; first exposures only.
   Result<std::vector<Shot>> look() { return photograph(first_exposures()); }

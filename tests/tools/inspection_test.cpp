@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <functional>
 
+#include "capture/device/health.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 
@@ -76,7 +77,7 @@ struct Trouble {
 };
 const auto kNothing = [](simdata::RigAndRoom&) {};
 const Trouble kTroubles[] = {
-    {"Flicker", "flicker=0.05", kNothing, "light of white from photo to photo"},
+    {"ExposuresThatJitter", "exposure-jitter=0.05", kNothing, "light of white from photo to photo"},
     {"ColourWheelThatTheExposureCuts", "",
      [](simdata::RigAndRoom& room) {
        room.rig.cameras[0].exposures_ms = {40};
@@ -94,7 +95,7 @@ const Trouble kTroubles[] = {
      },
      "sharpness"},
     {"Shaking", "camera-shaken=0.05", kNothing, "movement"},
-    {"DroppedPhotos", "dropped-frame=1@20", kNothing, "arrive whole"},
+    {"DroppedPhotos", "dropped-frame=1@20", kNothing, "health"},
     {"AutomaticExposure", "auto-exposure=0.5", kNothing, "adds up"},
     {"JitterOfTheDisplay", "",
      [](simdata::RigAndRoom& room) {
@@ -148,6 +149,66 @@ TEST(Inspection, StopsWhereNothingBeyondCouldBeBelieved) {
   const Inspection inspection = inspected(room, "underexposed=0.005");
   EXPECT_EQ(light(inspection, "exposure of white"), "WRONG") << all_of(inspection);
   EXPECT_EQ(light(inspection, "movement"), "none");
+}
+
+// What the check says to do about lamps on the mains is what helps.
+TEST(Inspection, AnExposureForLampsOnTheMainsIsNamedAndEndsTheirSwing) {
+  simdata::RigAndRoom room = small_room();
+  room.simulation.ambient = .06, room.simulation.ambient_swing = 1, room.simulation.ambient_hz = 99.9;
+  const auto swings = [](const Inspection& inspection) {
+    for (const Finding& f : inspection.findings)
+      if (f.what.find("light of black") != std::string::npos) return f;
+    return Finding{"none", "", "", true};
+  };
+  const Finding before = swings(inspected(room));
+  EXPECT_NE(light_of(before), "ok") << before.measured;
+  EXPECT_THAT(before.remedy, HasSubstr("50 ms on mains of 50 Hz"));
+  EXPECT_THAT(before.remedy, ::testing::Not(HasSubstr("60 Hz"))) << "1/60 s is two pulses there";
+  room.rig.cameras[0].exposures_ms = {50};
+  room.simulation.cameras[0].reference_exposure_ms = 50;
+  const Finding after = swings(inspected(room));
+  EXPECT_EQ(light_of(after), "ok") << after.measured;
+}
+
+TEST(WholePulses, AreWholeRefreshesToo) {
+  EXPECT_NEAR(whole_pulses(16.7, 60, 100).value(), 50, 1e-9);
+  EXPECT_NEAR(whole_pulses(16.7, 60, 120).value(), 1e3 / 60, 1e-9);
+  EXPECT_NEAR(whole_pulses(31, 50, 100).value(), 40, 1e-9);
+  EXPECT_NEAR(whole_pulses(16.7, 59.94, 120).value(), 1e3 / 59.94, 1e-9);
+  EXPECT_NEAR(whole_pulses(10, 73, 100).value(), 11e3 / 73, 1e-9);
+  EXPECT_FALSE(whole_pulses(10, 71, 100));
+}
+
+// Hands out so many photos, then none any more.
+class Failing final : public capture::Camera {
+ public:
+  Failing(std::unique_ptr<capture::Camera> camera, int photos) : camera_(std::move(camera)), left_(photos) {}
+  const std::string& id() const override { return camera_->id(); }
+  Result<void> arm(double exposure_ms) override { return camera_->arm(exposure_ms); }
+  Result<capture::Exposure> trigger() override {
+    if (left_-- <= 0) return error(ErrorCode::kDevice, "camera '{}' was unplugged", id());
+    return camera_->trigger();
+  }
+
+ private:
+  std::unique_ptr<capture::Camera> camera_;
+  int left_;
+};
+
+TEST(Inspection, ACameraThatFailsStandsOnThePageAsUnhealthy) {
+  const simdata::RigAndRoom room = small_room();
+  SilentProgress quiet;
+  const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
+  for (const int photos : {0, 3, 25}) {
+    capture::Devices devices = simdata::simulated_devices(simulator);
+    devices.cameras[0] = capture::watched(std::make_unique<Failing>(std::move(devices.cameras[0]), photos));
+    const auto inspection = inspect(room.rig, devices, quiet);
+    ASSERT_TRUE(inspection) << inspection.error().message;
+    const Finding& last = inspection->findings.back();
+    EXPECT_THAT(last.what, HasSubstr("health"));
+    EXPECT_THAT(last.measured, HasSubstr("unhealthy: camera 'camera' was unplugged"));
+    EXPECT_EQ(light_of(last), "WRONG");
+  }
 }
 
 TEST(WholeRefreshes, AreTheLongestThatDoNotExceedWhatIsWanted) {

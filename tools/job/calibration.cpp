@@ -13,6 +13,7 @@
 #include "capture/pattern/decode.h"
 #include "capture/pattern/pattern.h"
 #include "capture/pattern/read/reject.h"
+#include "capture/session/session_folder.h"
 #include "solver/compensate/compensate.h"
 #include "solver/fit/photometric_fit.h"
 #include "solver/transport/form_factor.h"
@@ -416,6 +417,7 @@ Result<void> fill(const Session& session, const fs::path& folder, const Calibrat
   const CameraSpec& camera = camera_to_use(rig);
   if (rig.cameras.size() > 1)
     summary.notes.push_back(fmt::format("camera '{}' is used; the others are stored but not yet evaluated", camera.id));
+  for (std::string& line : capture::unhealthy_cameras(session.folder())) summary.notes.push_back(std::move(line));
   std::error_code code;
   fs::create_directories(folder / "correspondence", code);
   if (code)

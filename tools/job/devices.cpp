@@ -6,6 +6,7 @@
 #include "calib/photometry/response.h"
 #include "capture/device/aravis/aravis.h"
 #include "capture/device/command.h"
+#include "capture/device/health.h"
 #include "capture/device/video/libcamera.h"
 #include "capture/device/video/v4l2.h"
 #include "capture/device/window.h"
@@ -63,6 +64,10 @@ Result<capture::Devices> open_real(const Rig& rig) {
   return devices;
 }
 
+void watch(capture::Devices& devices) {
+  for (auto& camera : devices.cameras) camera = capture::watched(std::move(camera));
+}
+
 }  // namespace
 
 Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& simulation_file, Progress& progress,
@@ -72,6 +77,7 @@ Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& si
   if (!simulated) {
     OpenDevices open;
     CS_TRY(open.devices, open_real(rig));
+    watch(open.devices);
     return open;
   }
   CS_TRY(Simulation simulation, read_simulation(simulation_file));
@@ -79,6 +85,7 @@ Result<OpenDevices> open_devices(const Rig& rig, const std::filesystem::path& si
   CS_TRY(std::shared_ptr<simdata::Simulator> simulator, simdata::Simulator::make(rig, simulation, progress));
   OpenDevices open;
   open.devices = simdata::simulated_devices(simulator, std::move(faults));
+  watch(open.devices);
   open.simulator = std::move(simulator);
   return open;
 }

@@ -4,6 +4,7 @@
 #include <sys/wait.h>
 
 #include "calib/image/image_file.h"
+#include "capture/device/health.h"
 #include "capture/session/session_folder.h"
 #include "tests/capture/fake_room.h"
 
@@ -12,6 +13,7 @@ namespace {
 
 using fake::Room;
 using testing::AllOf;
+using testing::ElementsAre;
 using testing::HasSubstr;
 namespace fs = std::filesystem;
 
@@ -558,6 +560,39 @@ TEST(CaptureSession, CameraThatFailsIsReportedAndTheSessionResumes) {
   EXPECT_THAT(done.error().message, AllOf(HasSubstr("unplugged"), HasSubstr("frame 7")));
   ASSERT_TRUE(run(std::make_shared<Room>(), scratch / "s"));
   EXPECT_EQ(fake::tree(scratch / "s"), expected);
+}
+
+TEST(CaptureSession, ACameraThatFailsIsMarkedUnhealthyUntilACaptureEndsWell) {
+  fake::Scratch scratch("unhealthy");
+  const auto expected = undisturbed(scratch / "plain");
+  const auto watched_run = [&](int fail_at, Listener& listener) {
+    auto room = std::make_shared<Room>();
+    room->fail_at = fail_at;
+    Devices devices = fake::devices(room, fake::rig());
+    for (auto& camera : devices.cameras) camera = watched(std::move(camera));
+    return capture_session(fake::rig(), "", fake::sequence(), devices, scratch / "s", kQuick, listener);
+  };
+  Listener first, second, third, fourth;
+  ASSERT_FALSE(watched_run(kFirst + 7, first));
+  EXPECT_THAT(unhealthy_cameras(scratch / "s"), ElementsAre(HasSubstr("'cam' was unhealthy: camera 'cam' was unplug")));
+  ASSERT_FALSE(watched_run(0, second)) << "at its first photo";
+  EXPECT_THAT(second.said, HasSubstr("was unplugged (when this session was left)"));
+  ASSERT_TRUE(watched_run(-1, third));
+  EXPECT_EQ(unhealthy_cameras(scratch / "s").size(), 0u);
+  EXPECT_EQ(fake::tree(scratch / "s"), expected);
+  // What a complete session says of its cameras stays.
+  ASSERT_TRUE(write_atomically(scratch / "s" / "unhealthy.json", "{\"cameras\": {\"cam\": {\"why\": \"cable\"}}}"));
+  ASSERT_TRUE(watched_run(-1, fourth));
+  EXPECT_THAT(fourth.said, HasSubstr("'cam' was unhealthy: cable"));
+  EXPECT_EQ(unhealthy_cameras(scratch / "s").size(), 1u);
+}
+
+TEST(UnhealthyCameras, AreNoneWhereTheFileSaysNothing) {
+  fake::Scratch scratch("unhealthy-file");
+  for (const char* text : {"", "[", "[]", "{}", "{\"cameras\": 3}", "{\"cameras\": {\"cam\": 1}}"}) {
+    ASSERT_TRUE(write_atomically(scratch / "unhealthy.json", text));
+    EXPECT_TRUE(unhealthy_cameras(scratch / "").empty()) << text;
+  }
 }
 
 TEST(CaptureSession, TwelveBitNumbersKeepTheirMeaning) {

@@ -110,10 +110,13 @@ class Player final : public capture::Camera {
         e.values.data()[i] += weight * static_cast<float>(photo->second.data()[i]);
     }
     sleep_until(from + kExposureMs + kReadOutMs);
+    last_ms = now_ms();
+
     ++photos;
     return e;
   }
   int photos = 0;
+  double last_ms = 0;  // when the last one was read out
 
  private:
   std::string id_;
@@ -136,6 +139,7 @@ class WallProjector final : public capture::Projector {
   }
   Result<void> hand_over(const Picture& picture) override {
     wall_.hand_over(at_, picture);
+
     return simulated_ ? simulated_->show(picture) : Result<void>();
   }
   Result<void> taken() override {
@@ -203,7 +207,7 @@ Result<Study> capture_to_show(const StudyContext& context) {
   const double begun = now_ms();
   CS_TRY(const tools::CodedCapture captured,
          tools::capture_with_code(room.rig, "", "auto", devices, folder / "session", *context.progress));
-  const double stored = now_ms();
+  const double stored = now_ms(), last = camera.last_ms;
   tools::CalibrateOptions options;
   options.decoded = captured.decoded;
   CS_TRY(const tools::CalibrationSummary summary,
@@ -224,8 +228,9 @@ Result<Study> capture_to_show(const StudyContext& context) {
     study.rows.push_back({what, fmt::format("{:.2f}", seconds), of});
   };
   row("frames: exposure, read-out, latency", needed, fmt::format("{:.0f} frames", frames));
-  row("first to last photo, stored and decoded", session,
+  row("first to last photo", (last - begun) / 1e3,
       fmt::format("{} photos, those that measure latency and noise too", camera.photos));
+  row("to the end of live decoding", (stored - last) / 1e3, "");
   row("last photo to calibration", (calibrated - stored) / 1e3, "");
   row("calibration to compensated pictures", (shown - calibrated) / 1e3, show.engine);
   study.figure = fmt::format(

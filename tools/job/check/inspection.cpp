@@ -40,6 +40,25 @@ Picture stripes(const capture::Projector& p, int cell, bool inverse) {
   return picture;
 }
 
+bool is_whole(double count) {
+  return count > 0.98 && std::abs(count - std::round(count)) < 0.02 * count;
+}
+
+// What to do about light that swings in the dark: lamps pulse twice per period of the mains.
+std::string mains_remedy(double exposure_ms, double refresh_hz) {
+  std::string expose;
+  for (const double pulses_hz : {100.0, 120.0})
+    if (const auto ms = whole_pulses(exposure_ms, refresh_hz, pulses_hz);
+        ms && !is_whole(exposure_ms * 1e-3 * pulses_hz))
+      expose += fmt::format("{}{:.4g} ms on mains of {:.0f} Hz", expose.empty() ? "" : ", ", *ms, pulses_hz / 2);
+  if (expose.empty())
+    return "light comes and goes, and not with the mains (the exposure is whole pulses of both): dimmed LEDs, a "
+           "screen, "
+           "daylight through moving leaves; switch it off or close the blind";
+  return fmt::format(
+      "a lamp pulses: switch it off, or set exposures_ms to whole refreshes that are whole pulses too: {}", expose);
+}
+
 struct Taken {
   Image light;                    // grey: mean of the channels
   std::array<float, 3> channels;  // their means
@@ -54,6 +73,7 @@ class Look {
       : devices_(devices), camera_(camera), spec_(spec), refresh_hz_(1e3 / devices.refresh_ms()) {}
 
   Result<void> all(Inspection& to);
+  Finding health() const;
 
  private:
   std::string about(const std::string& what) const { return fmt::format("camera {}: {}", spec_.id, what); }
@@ -150,7 +170,7 @@ Result<void> Look::steadiness(Inspection& to) {
               lit ? fmt::format(
                         "the exposure cuts a colour wheel's turn or a pulse: expose whole refreshes, such as {:.4g} ms",
                         whole_refreshes(exposure_ms_, refresh_hz_))
-                  : "a lamp flickers: switch it off, or expose whole half-periods of the mains (10 or 8.333 ms)",
+                  : mains_remedy(exposure_ms_, refresh_hz_),
               range < 0.02 * swing};
     f.caution = range > 0.004 * swing;
     to.findings.push_back(std::move(f));
@@ -165,13 +185,12 @@ Result<void> Look::exposures(Inspection& to) {
   const double bright = std::max(1e-4f, sorted[static_cast<std::size_t>(0.99 * (sorted.size() - 1))]);
   const double wanted = whole_refreshes(exposure_ms_ * 0.8 / bright, refresh_hz_);
   const double now = exposure_ms_ * refresh_hz_ / 1e3;
-  const bool whole = std::abs(now - std::round(now)) < 0.02 * now && now > 0.98;
   Finding f{
       about("exposure"),
       fmt::format("{:.3g} ms is {:.2f} refreshes of {:.0f} Hz; {:.3f} ms would bring white to {:.0f} % of full scale",
                   exposure_ms_, now, refresh_hz_, wanted, 100 * bright * wanted / std::max(1e-9, exposure_ms_)),
       fmt::format("exposures_ms = [{:.3f}]; if white is then too bright, close the lens's aperture", wanted), true};
-  f.caution = !whole || std::abs(wanted / std::max(1e-9, exposure_ms_) - 1) > 0.6;
+  f.caution = !is_whole(now) || std::abs(wanted / std::max(1e-9, exposure_ms_) - 1) > 0.6;
   to.findings.push_back(std::move(f));
 
   const std::vector<double> listed = spec_.exposures_ms.empty() ? std::vector<double>{0} : spec_.exposures_ms;
@@ -348,6 +367,18 @@ Result<void> Look::stillness(Inspection& to) {
   return {};
 }
 
+Finding Look::health() const {
+  const capture::Health health = camera_.health();
+  const std::string why = health.unhealthy();
+  Finding f{about("health"),
+            why.empty() ? fmt::format("{} photos, {} taken again since they did not arrive whole", photos_, lost_)
+                        : "unhealthy: " + why,
+            "cable, network card, hub; fewer programs on this computer; switch the camera off and on again",
+            why.empty() && lost_ <= photos_ / 4};
+  f.caution = lost_ > 0;
+  return f;
+}
+
 Result<void> Look::all(Inspection& to) {
   CS_TRY_VOID(camera_.arm(spec_.exposures_ms.empty() ? 0 : spec_.exposures_ms.front()));
   CS_TRY_VOID(show_flat(0));
@@ -363,11 +394,7 @@ Result<void> Look::all(Inspection& to) {
   CS_TRY_VOID(sharpness(to));
   CS_TRY_VOID(stillness(to));
   CS_TRY_VOID(exposures(to));
-  Finding f{about("photos that did not arrive whole"), fmt::format("{} beside {} that did", lost_, photos_),
-            "the connection is too slow: cable, network card, hub; fewer programs on this computer",
-            lost_ <= photos_ / 4};
-  f.caution = lost_ > 0;
-  to.findings.push_back(std::move(f));
+  to.findings.push_back(health());
   return show_flat(0, 0);
 }
 
@@ -378,15 +405,38 @@ double whole_refreshes(double wanted_ms, double refresh_hz) {
   return period * std::max(1.0, std::floor(wanted_ms / period * (1 + 1e-6)));
 }
 
+std::optional<double> whole_pulses(double wanted_ms, double refresh_hz, double pulses_hz) {
+  std::optional<double> nearest;
+  for (int n = 1; n <= 12; ++n) {
+    const double ms = 1e3 * n / refresh_hz, pulses = 1e-3 * ms * pulses_hz;
+    if (std::abs(pulses - std::round(pulses)) > 0.01 * pulses || pulses < 0.5) continue;
+    if (!nearest || std::abs(std::log(ms / wanted_ms)) < std::abs(std::log(*nearest / wanted_ms))) nearest = ms;
+  }
+  return nearest;
+}
+
 Result<Inspection> inspect(const Rig& rig, const capture::Devices& devices, Progress& progress) {
   Inspection inspection;
-  CS_TRY(inspection.findings, self_check(rig, devices, progress));
+  const auto look_at = [&](std::size_t i) {
+    return Look(devices, *devices.cameras[i], *rig.camera(devices.cameras[i]->id()));
+  };
+  auto checked = self_check(rig, devices, progress);
+  if (!checked) {  // one that fails stands on the page; what the others would say nobody knows yet
+    for (std::size_t i = 0; i < devices.cameras.size(); ++i)
+      if (!devices.cameras[i]->health().failure.empty()) inspection.findings.push_back(look_at(i).health());
+    if (inspection.findings.empty()) return checked.error();
+    return inspection;
+  }
+  inspection.findings = std::move(*checked);
   for (const Finding& f : inspection.findings)
     if (!f.ok) return inspection;  // nothing beyond it could be believed
   for (std::size_t i = 0; i < devices.cameras.size(); ++i) {
     progress.step("inspect", i, devices.cameras.size());
-    Look look(devices, *devices.cameras[i], *rig.camera(devices.cameras[i]->id()));
-    CS_TRY_VOID(look.all(inspection));
+    Look look = look_at(i);
+    const auto looked = look.all(inspection);
+    if (looked) continue;
+    if (devices.cameras[i]->health().failure.empty()) return looked.error();
+    inspection.findings.push_back(look.health());
   }
   progress.step("inspect", devices.cameras.size(), devices.cameras.size());
   return inspection;
