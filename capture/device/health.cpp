@@ -8,9 +8,9 @@ namespace countershade::capture {
 
 namespace {
 
-constexpr int kFewPhotos = 10;       // of which nothing can be said
-constexpr double kMostAgain = 0.2;   // share of all photos that may have to be taken again
-constexpr double kMostBack = 0.1;    // share of them at which the clock may fall back
+constexpr int kFewPhotos = 10;      // of which nothing can be said
+constexpr double kMostAgain = 0.2;  // share of all photos that may have to be taken again
+constexpr double kMostBack = 0.1;   // share of them at which the clock may fall back
 
 class Watched final : public Camera {
  public:
@@ -64,13 +64,15 @@ std::string Health::unhealthy() const {
   if (!failure.empty()) return failure;
   if (photos + again < kFewPhotos) return "";
   if (again > kMostAgain * (photos + again))
-    return fmt::format("{} of {} photos did not arrive whole and were taken again: cable, network card, hub, or fewer "
-                       "programs on this computer",
-                       again, photos + again);
+    return fmt::format(
+        "{} of {} photos did not arrive whole and were taken again: cable, network card, hub, or fewer "
+        "programs on this computer",
+        again, photos + again);
   if (clock_back > kMostBack * photos)
-    return fmt::format("the times of {} of {} photos fall back behind the photo before: photos come in another order "
-                       "than they were taken, or its clock is set while it runs",
-                       clock_back, photos);
+    return fmt::format(
+        "the times of {} of {} photos fall back behind the photo before: photos come in another order "
+        "than they were taken, or its clock is set while it runs",
+        clock_back, photos);
   return "";
 }
 

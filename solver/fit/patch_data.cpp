@@ -85,6 +85,18 @@ void grow(Image& chart, Image& weight, int rings) {
   }
 }
 
+// Values at the receivers as a chart per surface.
+std::vector<Image> receiver_charts(const Model& model, const Radiosity& values) {
+  std::vector<Image> charts;
+  for (int s = 0; s < model.screen.size(); ++s) {
+    Image chart(model.receivers_u(s), model.receivers_v(s), 3);
+    for (int r = 0; r < static_cast<int>(chart.pixels()); ++r)
+      for (int c = 0; c < 3; ++c) chart.data()[3 * r + c] = values(model.receiver_offset(s) + r, c);
+    charts.push_back(std::move(chart));
+  }
+  return charts;
+}
+
 // Gives each channel of a chart, whose channels are all the primaries' mean, its own share, patch by patch; patches
 // that no light was measured on take the surface's.
 void share_out(const Radiosity& mix, const Patches& patches, int surface, int cells, Image& chart) {
@@ -159,6 +171,32 @@ PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& p
   return frame;
 }
 
+Image bounced_light(const PixelGeometry& pixels, const Model& model, const Image& photo) {
+  CS_CHECK(photo.same_size(pixels.width, pixels.height), "photo and camera differ in size");
+  const int patches = model.patches.size();
+  const Sums sums = sum_over_patches(pixels, patches, {photo, Mask(photo.width(), photo.height(), 1, 1), 0}, {});
+  Radiosity shines(patches, 3);
+  for (int s = 0; s < model.screen.size(); ++s) {
+    const int first = model.patches.offset(s), count = model.patches.count(s);
+    const Eigen::RowVector3f all =
+        sums.value.middleRows(first, count).colwise().sum() / std::max(1.0f, sums.valid.segment(first, count).sum());
+    for (int i = first; i < first + count; ++i)
+      shines.row(i) = sums.valid[i] > 0 ? Eigen::RowVector3f(sums.value.row(i) / sums.valid[i]) : all;
+  }
+  Radiosity gain = receiver_gain(model);
+  if (photo.channels() == 1) gain.colwise() = gain.rowwise().mean().eval();
+  const std::vector<Image> charts = receiver_charts(model, gain.cwiseProduct(Radiosity(model.G * shines)));
+  Image bounced(photo.width(), photo.height(), photo.channels());
+  parallel_for(photo.height(), [&](int y) {
+    for (int x = 0; x < photo.width(); ++x) {
+      const ChartPoint& at = pixels.chart[static_cast<std::size_t>(y) * photo.width() + x];
+      for (int c = 0; at.surface >= 0 && c < photo.channels(); ++c)
+        bounced.at(x, y, c) = sample_chart(charts[at.surface], at.u, at.v, c);
+    }
+  });
+  return bounced;
+}
+
 std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, int q, const Photo& white,
                                const Photo& black, const PatchFrame& white_patches, const PatchFrame& black_patches,
                                const Radiosity& mix) {
@@ -169,15 +207,12 @@ std::vector<Image> gain_charts(const PixelGeometry& pixels, const Model& model, 
   const Radiosity indirect = gain.cwiseProduct(Radiosity(model.G * difference));
   const double swing = 1 - model.projectors[q].response.black_level;
   const Lens& lens = model.projectors[q].device.lens;
-  std::vector<Image> charts, weights, shade;
+  const std::vector<Image> shade = receiver_charts(model, indirect);
+  std::vector<Image> charts, weights;
   for (int s = 0; s < model.screen.size(); ++s) {
     const int width = model.patches.nu(s) * model.gain_factor, height = model.patches.nv(s) * model.gain_factor;
     charts.emplace_back(width, height, 3);
     weights.emplace_back(width, height, 1);
-    Image image(model.receivers_u(s), model.receivers_v(s), 3);
-    for (int r = 0; r < static_cast<int>(image.pixels()); ++r)
-      for (int c = 0; c < 3; ++c) image.data()[3 * r + c] = indirect(model.receiver_offset(s) + r, c);
-    shade.push_back(std::move(image));
   }
   for (int y = 0; y < pixels.height; ++y)
     for (int x = 0; x < pixels.width; ++x) {

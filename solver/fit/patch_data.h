@@ -29,6 +29,10 @@ Eigen::VectorXf pixels_per_patch(const PixelGeometry& pixels, int patches);
 PatchFrame reduce_frame(const PixelGeometry& pixels, int patches, const Photo& photo, const NoiseModel& noise,
                         std::span<const Image> lights);
 
+// What has bounced of the light that a photo shows, by the model's k and G: (height, width, channels of the photo), 0
+// where no surface is seen. Patches that no pixel sees shine as their surface does on average.
+Image bounced_light(const PixelGeometry& pixels, const Model& model, const Image& photo);
+
 // Direct gain of projector q on every surface, at the cells of Model::gain_factor, from photos of it alone at full
 // white and of black: (white - black) less the indirect light that k and G predict for the difference. Cells without a
 // pixel take their nearest neighbours' within a patch, else 0.

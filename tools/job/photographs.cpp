@@ -102,7 +102,8 @@ Result<Photographs> photograph(const capture::Devices& devices, const CameraSpec
   CS_TRY(result.compensated, take());
   const std::vector<Picture> nothing(plain.size());
   CS_TRY_VOID(show_all(devices, nothing));
-  CS_TRY(result.target, take());  // black: what no mask can take away
+  CS_TRY(result.black, take());  // what no mask can take away
+  result.target = result.black;
   for (std::size_t q = 0; q < plain.size(); ++q) {
     if (plain[q].empty()) continue;
     std::vector<Image> photos;

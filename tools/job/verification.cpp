@@ -68,23 +68,31 @@ Table show_table(const Show& show) {
 
 }  // namespace
 
-VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& target) {
+VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& projected) {
   const solver::Model& model = calibration.model;
   VerifyMasks masks{Mask(pixels.width, pixels.height, 1), Mask(pixels.width, pixels.height, 1),
                     Mask(pixels.width, pixels.height, 1), ""};
   const double reach = mean_width(model) / 6;
   masks.edge_text = "a sixth of the mean screen width on either side of the crease";
-  const int channels = target.channels();
+  const int channels = projected.channels();
   for (std::size_t i = 0; i < pixels.chart.size(); ++i) {
     const ChartPoint& at = pixels.chart[i];
     float direct = 0;
-    for (int c = 0; c < channels; ++c) direct += target.data()[i * channels + c] / channels;
+    for (int c = 0; c < channels; ++c) direct += projected.data()[i * channels + c] / channels;
     const bool modelled = at.surface >= 0 && total_gain(model, at, pixels, i) > 0.02 * model.white;
     masks.modelled.data()[i] = modelled;
     masks.lit.data()[i] = modelled || direct > 0.02 * model.white;
     masks.edge.data()[i] = at.surface >= 0 && near_crease(model, at, reach);
   }
   return masks;
+}
+
+Image direct_target(const solver::Model& model, const solver::PixelGeometry& pixels, const Photographs& photos) {
+  Image target = photos.target;
+  if (photos.black.empty()) return target;
+  const Image bounced = solver::bounced_light(pixels, model, photos.black);
+  for (std::size_t i = 0; i < target.data().size(); ++i) target.data()[i] -= bounced.data()[i];
+  return target;
 }
 
 Mask clipped_pixels(const solver::PixelGeometry& pixels, const Show& show) {
@@ -111,14 +119,18 @@ Result<Verification> report_verification(const Calibration& calibration,
                                          const solver::PixelGeometry& pixels, const Photographs& photos,
                                          const Show* show, ReportContext context, const std::filesystem::path& out,
                                          const FillFolder& record) {
-  const VerifyMasks masks = verify_masks(calibration, pixels, photos.target);
+  const Image target = direct_target(calibration.model, pixels, photos);
+  Image projected = photos.target;
+  for (std::size_t i = 0; i < photos.black.data().size(); ++i) projected.data()[i] -= photos.black.data()[i];
+  const VerifyMasks masks = verify_masks(calibration, pixels, projected);
   const CalibrationSummary& summary = calibration.summary;
   Report report;
   report.title = "Countershade verification";
   report.subtitle = std::move(context.subtitle);
   report.options = std::move(context.options);
-  report.input = {&photos.uncompensated, &photos.compensated, &photos.target,          &masks.lit,        &masks.edge,
-                  &masks.modelled,       masks.edge_text,     calibration.model.white, photos.pixel_noise};
+  report.input = {&photos.uncompensated, &photos.compensated, &target,         &masks.lit,
+                  &masks.edge,           &masks.modelled,     masks.edge_text, calibration.model.white,
+                  photos.pixel_noise};
   Mask clipped;
   if (show) {
     clipped = clipped_pixels(pixels, *show);

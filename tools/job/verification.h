@@ -15,12 +15,18 @@ namespace countershade::tools {
 
 // Which camera pixels count, and how.
 struct VerifyMasks {
-  Mask lit;       // sees a surface that a projector lights, or is directly lit in the target
+  Mask lit;       // the model knows that a projector lights it, or it is lit by one
   Mask edge;      // within a sixth of the mean chart width of a crease
   Mask modelled;  // the model knows a direct gain there
   std::string edge_text;
 };
-VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& target);
+// projected: the target without black, so that the room's own light lights nothing.
+VerifyMasks verify_masks(const Calibration& calibration, const solver::PixelGeometry& pixels, const Image& projected);
+
+// The target without what has bounced of the room's own light and of the projectors' black, which the compensation
+// removes, too: that share of the black photo is computed, by the calibration's form factors. In a dark room it is next
+// to nothing.
+Image direct_target(const solver::Model& model, const solver::PixelGeometry& pixels, const Photographs& photos);
 
 struct Verification {
   VerifyNumbers numbers;

@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "calib/base/random.h"
+#include "solver/compensate/compensate.h"
+#include "tests/support/test_model.h"
 
 namespace countershade::solver {
 namespace {
@@ -81,6 +83,43 @@ TEST(ReduceFrame, OneChannelStandsForAll) {
     EXPECT_EQ(frame.mean[c], frame.mean[0]);
   }
   EXPECT_NEAR(frame.mean[2], view.mean(view.photo.value, 0, 12, 0), 1e-6);
+}
+
+// A room that shines by itself: what its photo holds beyond its direct light has bounced.
+TEST(BouncedLight, IsWhatAPhotoHoldsBeyondTheDirectLight) {
+  const Model model = test::room();
+  const int patches = model.patches.size();
+  Radiosity direct(patches, 3);
+  for (int i = 0; i < patches; ++i)
+    for (int c = 0; c < 3; ++c) direct(i, c) = static_cast<float>(.2 + .1 * std::sin(.7 * i + c));
+  const Radiosity shines = forward(model, direct), bounced = shines - direct;
+  // Every patch is seen by 8 x 8 pixels, but for the first, which no pixel sees.
+  PixelGeometry pixels;
+  pixels.width = 64, pixels.height = patches;
+  for (const int channels : {3, 1}) {
+    pixels.chart.clear(), pixels.patch.clear();
+    Image photo(64, patches, channels);
+    for (int i = 0; i < patches; ++i) {
+      const int s = model.patches.surface_of(i), first = i - model.patches.offset(s), nu = model.patches.nu(s);
+      for (int x = 0; x < 64; ++x) {
+        pixels.chart.push_back({i > 0 ? s : -1, (first % nu + (x % 8 + .5) / 8) / nu,
+                                (first / nu + (x / 8 + .5) / 8) / model.patches.nv(s)});
+        pixels.patch.push_back(i > 0 ? i : -1);
+        for (int c = 0; c < channels; ++c) photo.at(x, i, c) = channels == 3 ? shines(i, c) : shines.row(i).mean();
+      }
+    }
+    const Image found = bounced_light(pixels, model, photo);
+    double error = 0, sum = 0;
+    for (int i = 1; i < patches; ++i)
+      for (int c = 0; c < channels; ++c) {
+        double mean = 0;
+        for (int x = 0; x < 64; ++x) mean += found.at(x, i, c) / 64;
+        const double right = channels == 3 ? bounced(i, c) : bounced.row(i).mean();
+        error += std::abs(mean - right), sum += right;
+      }
+    EXPECT_LT(error, .03 * sum) << channels;
+    for (int x = 0; x < 64; ++x) EXPECT_EQ(found.at(x, 0), 0) << "no surface";
+  }
 }
 
 }  // namespace
