@@ -90,9 +90,15 @@ Result<Answer> run_devices(const DevicesOptions& options, const Context& context
   if (capture::has_aravis() && cameras.empty())
     rows.push_back({"aravis (GigE and USB3 Vision)", "no camera answers",
                     "power, cable, same subnet, UDP port 3956 through the firewall; of USB a udev rule"});
-  for (const capture::AravisCamera& c : cameras)
-    rows.push_back({"camera " + c.name, c.protocol + " " + c.address,
-                    fmt::format("backend = \"aravis\", device = \"{}\" for a camera of the rig", c.device)});
+  for (const capture::AravisCamera& c : cameras) {
+    const std::string range =
+        c.exposures_ms ? fmt::format(", {:.4g} to {:.4g} ms", (*c.exposures_ms)[0], (*c.exposures_ms)[1]) : "";
+    rows.push_back(
+        {"camera " + c.name, fmt::format("{} {} {}{}", c.protocol, c.address, fmt::join(c.formats, ","), range),
+         !c.hindrance.empty() ? c.hindrance
+                              : fmt::format("backend = \"aravis\", device = \"{}\" for a camera of the rig{}", c.device,
+                                            c.advice.empty() ? "" : "; " + c.advice)});
+  }
   const std::vector<capture::V4l2Camera> video = capture::list_v4l2_cameras();
   if (!capture::has_v4l2()) rows.push_back({"v4l2", "not on this system", "a Linux computer"});
   if (capture::has_v4l2() && video.empty())

@@ -11,6 +11,7 @@
 
 #include "calib/base/check.h"
 #include "capture/device/aravis/genicam_check.h"
+#include "capture/device/aravis/gige_network.h"
 #include "capture/device/aravis/gvsp_filter.h"
 #include "capture/device/pixel_format.h"
 
@@ -422,7 +423,12 @@ std::vector<Listed> listed() {
     const std::string serial = or_empty(arv_get_device_serial_nbr(i)), address = or_empty(arv_get_device_address(i));
     all.push_back({{serial.empty() ? address : serial,
                     or_empty(arv_get_device_vendor(i)) + " " + or_empty(arv_get_device_model(i)),
-                    or_empty(arv_get_device_protocol(i)), address},
+                    or_empty(arv_get_device_protocol(i)),
+                    address,
+                    {},
+                    {},
+                    {},
+                    {}},
                    or_empty(arv_get_device_id(i))});
   }
   return all;
@@ -430,10 +436,63 @@ std::vector<Listed> listed() {
 
 }  // namespace
 
+namespace {
+
+// One that stands on the list, once its description has been looked through.
+Result<Owned<ArvCamera>> opened(const Listed& l) {
+  const bool network = l.camera.protocol == "GigEVision";
+  const auto unusable = [](const Error& why) {
+    return error(why.code, "{}; give it another firmware, by the maker's tool", why.message);
+  };
+  if (network)
+    if (const auto file = check_description_file(l.camera.address); !file) return unusable(file.error());
+  Failure failure;
+  const Owned<ArvDevice> device(arv_open_device((network ? l.camera.address : l.full_id).c_str(), failure.out()));
+  if (device && !failure)
+    if (const auto checked = check_description(device.get()); !checked) return unusable(checked.error());
+  Owned<ArvCamera> camera(device && !failure ? arv_camera_new_with_device(device.get(), failure.out()) : nullptr);
+  if (!camera || failure)
+    return error(ErrorCode::kDevice,
+                 "cannot be opened: {}. Does another program have it? One that crashed keeps it for some seconds: try "
+                 "again",
+                 failure.text());
+  return camera;
+}
+
+void look_at(Listed& l, const std::vector<NetworkCard>& cards) {
+  AravisCamera& c = l.camera;
+  if (c.protocol == "GigEVision") {
+    c.hindrance = subnet_hindrance(c.address, cards), c.advice = packet_advice(c.address, cards);
+    if (c.hindrance.empty() && is_controlled(c.address))
+      c.hindrance = "another program has it: close that; one that crashed keeps it for three seconds";
+  }
+  if (!c.hindrance.empty()) return;
+  const auto camera = opened(l);
+  if (!camera) {
+    c.hindrance = camera.error().message;
+    return;
+  }
+  Failure failure;
+  guint count = 0;
+  const std::unique_ptr<const char*, decltype(&g_free)> names(
+      arv_camera_dup_available_pixel_formats_as_strings(camera->get(), &count, failure.out()), &g_free);
+  for (guint i = 0; !failure && i < count; ++i)
+    if (best_format({names.get()[i]})) c.formats.emplace_back(names.get()[i]);
+  double least = 0, most = 0;
+  arv_camera_get_exposure_time_bounds(camera->get(), &least, &most, failure.out());
+  if (!failure && most > 0) c.exposures_ms = {least / 1e3, most / 1e3};
+}
+
+}  // namespace
+
 std::vector<AravisCamera> list_aravis_cameras() {
   const std::lock_guard lock(system_mutex());
   std::vector<AravisCamera> cameras;
-  for (Listed& l : listed()) cameras.push_back(std::move(l.camera));
+  const std::vector<NetworkCard> cards = network_cards();
+  for (Listed& l : listed()) {
+    look_at(l, cards);
+    cameras.push_back(std::move(l.camera));
+  }
   return cameras;
 }
 
@@ -461,24 +520,9 @@ Result<std::unique_ptr<Camera>> open_aravis_camera(const std::string& id, const 
     return error(ErrorCode::kDevice, "camera '{}': device = \"{}\" fits several cameras; name one of {}", id, device,
                  found);
   const Listed& l = *matching[0];
-  const std::string& name = l.camera.protocol == "GigEVision" ? l.camera.address : l.full_id;
-  const auto unusable = [&](const Error& why) {
-    return error(why.code, "camera '{}': '{}': {}; give it another firmware, by the maker's tool", id, l.camera.device,
-                 why.message);
-  };
-  if (l.camera.protocol == "GigEVision")
-    if (const auto file = check_description_file(l.camera.address); !file) return unusable(file.error());
-  Failure failure;
-  const Owned<ArvDevice> opened(arv_open_device(name.c_str(), failure.out()));
-  if (opened && !failure)
-    if (const auto checked = check_description(opened.get()); !checked) return unusable(checked.error());
-  Owned<ArvCamera> camera(opened && !failure ? arv_camera_new_with_device(opened.get(), failure.out()) : nullptr);
-  if (!camera || failure)
-    return error(ErrorCode::kDevice,
-                 "camera '{}': '{}' cannot be opened: {}. Does another program have it? One that crashed keeps it for "
-                 "some seconds: try again",
-                 id, l.camera.device, failure.text());
-  auto open = std::make_unique<OpenCamera>(id, std::move(camera), options);
+  auto camera = opened(l);
+  if (!camera) return error(camera.error().code, "camera '{}': '{}': {}", id, l.camera.device, camera.error().message);
+  auto open = std::make_unique<OpenCamera>(id, std::move(*camera), options);
   CS_TRY_VOID(open->set_up());
   return std::unique_ptr<Camera>(std::move(open));
 }

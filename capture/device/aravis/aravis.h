@@ -1,7 +1,9 @@
 // GigE Vision and USB3 Vision cameras, through Aravis.
 #pragma once
 
+#include <array>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,14 +14,18 @@ namespace countershade::capture {
 
 // One that answered. `device` is what a rig names it by: any of serial, address and name will do, too.
 struct AravisCamera {
-  std::string device, name;  // serial number (address where it has none); "vendor model"
-  std::string protocol;      // "GigEVision" or "USB3Vision"
-  std::string address;       // IP address; of USB its id
+  std::string device, name;                           // serial number (address where it has none); "vendor model"
+  std::string protocol;                               // "GigEVision" or "USB3Vision"
+  std::string address;                                // IP address; of USB its id
+  std::vector<std::string> formats;                   // those that this program reads; empty: it could not be asked
+  std::optional<std::array<double, 2>> exposures_ms;  // shortest, longest; none: unknown
+  std::string hindrance;  // why it cannot be used, or its photos may not arrive, and the remedy; empty: nothing is seen
+  std::string advice;     // what would make it better; mostly empty
 };
 
 // False where this program was built without Aravis.
 bool has_aravis();
-// Those that answer within a second; empty without Aravis.
+// Those that answer within a second, each opened for a moment where nobody has it; empty without Aravis.
 std::vector<AravisCamera> list_aravis_cameras();
 
 struct AravisOptions {

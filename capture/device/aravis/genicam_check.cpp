@@ -2,19 +2,16 @@
 
 #ifdef COUNTERSHADE_ARAVIS
 
-#include <arpa/inet.h>
 #include <arv.h>
-#include <poll.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <map>
 #include <optional>
 #include <set>
 #include <vector>
+
+#include "capture/device/aravis/camera_memory.h"
 
 namespace countershade::capture {
 
@@ -26,77 +23,6 @@ constexpr int kDeepest = 200;
 constexpr double kMostWays = 1e6;
 
 using Bytes = std::vector<std::uint8_t>;
-
-// Memory of a GigE camera that nobody has opened (GigE Vision 2.0, 16.5: READMEM_CMD).
-class CameraMemory {
- public:
-  explicit CameraMemory(const std::string& address) : file_(socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0)) {
-    sockaddr_in camera{};
-    camera.sin_family = AF_INET, camera.sin_port = htons(3956);
-    if (inet_aton(address.c_str(), &camera.sin_addr) == 0 ||
-        connect(file_, reinterpret_cast<sockaddr*>(&camera), sizeof camera) != 0)
-      close(file_), file_ = -1;
-  }
-  CameraMemory(const CameraMemory&) = delete;
-  CameraMemory& operator=(const CameraMemory&) = delete;
-  ~CameraMemory() {
-    if (file_ >= 0) close(file_);
-  }
-
-  // Empty where the camera does not answer.
-  Bytes read(std::uint32_t at, std::uint32_t size) {
-    Bytes all;
-    while (all.size() < size) {
-      const std::uint32_t left = size - static_cast<std::uint32_t>(all.size());
-      const Bytes part = block(at + static_cast<std::uint32_t>(all.size()), std::min(kBlock, (left + 3) / 4 * 4));
-      if (part.empty()) return {};
-      all.insert(all.end(), part.begin(), part.end());
-    }
-    all.resize(size);
-    return all;
-  }
-
- private:
-  static constexpr std::uint32_t kBlock = 512;  // bytes that every camera gives at once
-
-  Bytes block(std::uint32_t at, std::uint32_t count) {
-    for (int i = 0; i < 3 && file_ >= 0; ++i) {
-      const std::uint16_t id = ++id_ == 0 ? ++id_ : id_;
-      const auto byte = [](std::uint32_t value, int shift) { return static_cast<std::uint8_t>(value >> shift); };
-      const std::uint8_t question[16] = {0x42,
-                                         1,
-                                         0,
-                                         0x84,
-                                         0,
-                                         8,
-                                         byte(id, 8),
-                                         byte(id, 0),
-                                         byte(at, 24),
-                                         byte(at, 16),
-                                         byte(at, 8),
-                                         byte(at, 0),
-                                         0,
-                                         0,
-                                         byte(count, 8),
-                                         byte(count, 0)};
-      std::array<std::uint8_t, 1024> answer{};
-      pollfd waiting{file_, POLLIN, 0};
-      if (send(file_, question, sizeof question, 0) < 0) continue;
-      while (poll(&waiting, 1, 500) > 0) {
-        const ssize_t n = recv(file_, answer.data(), answer.size(), 0);
-        if (n < 0) break;
-        if (n < 12 + static_cast<ssize_t>(count) || answer[3] != 0x85 || answer[6] != question[6] ||
-            answer[7] != question[7])
-          continue;  // of a former question
-        return {answer.begin() + 12, answer.begin() + 12 + count};
-      }
-    }
-    return {};
-  }
-
-  int file_;
-  std::uint16_t id_ = 0x7f00;
-};
 
 // Where a description lies ("Local:camera.zip;10000;2f5a"; GigE Vision 2.0, 16.5 and 28.2).
 struct Place {

@@ -108,6 +108,33 @@ TEST_F(Aravis, IsFoundBySerialAddressAndName) {
   EXPECT_THAT(none.error().message, HasSubstr("no camera is called 'ROOM2'; those that answer are 'ROOM1'"));
 }
 
+TEST_F(Aravis, TheListSaysWhatItCanDoAndWhoHasIt) {
+  GigeOptions options;
+  options.formats = {"Mono8", "Mono12"};
+  plug_in(options);
+  const auto free = capture::list_aravis_cameras();
+  ASSERT_EQ(free.size(), 1u);
+  EXPECT_EQ(free[0].hindrance, "");
+  EXPECT_THAT(free[0].formats, ::testing::UnorderedElementsAre("Mono8", "Mono12"));
+  ASSERT_TRUE(free[0].exposures_ms);
+  EXPECT_EQ(*free[0].exposures_ms, (std::array<double, 2>{.01, 1000}));
+  const auto open = armed();
+  ASSERT_NE(open, nullptr);
+  const auto taken = capture::list_aravis_cameras();
+  ASSERT_EQ(taken.size(), 1u);
+  EXPECT_THAT(taken[0].hindrance, HasSubstr("another program has it"));
+  EXPECT_TRUE(open->trigger()) << "and is not disturbed";
+}
+
+TEST_F(Aravis, ADescriptionThatCannotBeUsedHindersIt) {
+  GigeOptions options;
+  options.claimed_description = 50 << 20;
+  plug_in(options);
+  const auto cameras = capture::list_aravis_cameras();
+  ASSERT_EQ(cameras.size(), 1u);
+  EXPECT_THAT(cameras[0].hindrance, HasSubstr("longer than 8 MB"));
+}
+
 TEST_F(Aravis, ASecondNetworkCardDoesNotTakeItsPhotos) {
   if (std::system("ip link add eth_a type veth peer name eth_b && ip addr add 192.168.77.1/24 dev eth_a && "
                   "ip link set eth_a up && ip link set eth_b up") != 0)
