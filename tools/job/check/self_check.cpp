@@ -9,6 +9,10 @@ namespace countershade::tools {
 
 namespace {
 
+// Light of the room, of full scale: from where on less of it would be better, and from where on white has no place
+// above it. It is measured and takes no part in the show; it adds noise.
+constexpr double kDark = 0.05, kTooBright = 0.4;
+
 // Value below which `share` of the samples lie.
 double percentile(const Image& image, double share) {
   std::vector<float> values = image.data();
@@ -69,10 +73,11 @@ Result<void> check_camera(const CameraSpec& spec, const capture::Devices& device
   CS_TRY_VOID(camera.arm(spec.exposures_ms.empty() ? 0 : spec.exposures_ms.front()));
   CS_TRY(const Photo black, photo_with(devices, camera, spec, -1, false));
   const double dark = percentile(black.value, 0.5);
-  findings.push_back(
-      {fmt::format("camera {}: room in the dark", spec.id), fmt::format("{:.2f} % of full scale", 100 * dark),
-       "other light than the projectors': switch lamps off, close blinds, or state the camera's pedestal",
-       dark < 0.05});
+  Finding room{fmt::format("camera {}: room in the dark", spec.id), fmt::format("{:.2f} % of full scale", 100 * dark),
+               "other light than the projectors': switch lamps off, close blinds, or state the camera's pedestal",
+               dark < kTooBright};
+  room.caution = dark >= kDark;
+  findings.push_back(std::move(room));
   CS_TRY(const Latency late, measure_latency(devices, camera, spec, black));
   findings.push_back(
       {fmt::format("camera {}: latency", spec.id),
