@@ -175,8 +175,8 @@ TEST(WholePulses, AreWholeRefreshesToo) {
   EXPECT_NEAR(whole_pulses(16.7, 60, 120).value(), 1e3 / 60, 1e-9);
   EXPECT_NEAR(whole_pulses(31, 50, 100).value(), 40, 1e-9);
   EXPECT_NEAR(whole_pulses(16.7, 59.94, 120).value(), 1e3 / 59.94, 1e-9);
-  EXPECT_NEAR(whole_pulses(10, 73, 100).value(), 11e3 / 73, 1e-9);
-  EXPECT_FALSE(whole_pulses(10, 71, 100));
+  EXPECT_NEAR(whole_pulses(10, 73, 100).value(), 8e3 / 73, 1e-9);
+  EXPECT_FALSE(whole_pulses(10, 97, 100));
 }
 
 // Hands out so many photos, then none any more.
