@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <mutex>
+#include <thread>
 #include <utility>
 
 #include "tests/device/aravis/gige_camera.h"
@@ -217,6 +218,7 @@ TEST_F(Aravis, ACameraThatRunsFreelyGivesPhotosThatWereBegunAfterTheQuestion) {
       if (photo % 10 == 1) {
         ASSERT_TRUE((*opened)->arm(photo < 15 ? 8 : 3));
       }
+      std::this_thread::sleep_for(std::chrono::milliseconds(7 * photo % 31));  // what waits behind a hole is old
       const auto value = static_cast<std::uint16_t>(2000 * photo);
       light.set(value);
       const double asked_s = now_s();
