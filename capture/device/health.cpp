@@ -1,6 +1,7 @@
 #include "capture/device/health.h"
 
 #include <atomic>
+#include <cfloat>
 
 #include "calib/base/parallel.h"
 
@@ -38,12 +39,14 @@ class Watched final : public Camera {
   Result<void> check(const Exposure& e) const {
     if (e.values.empty()) return error(ErrorCode::kDevice, "camera '{}' gave a photo without pixels", id());
     std::atomic<bool> possible = e.full_scale > 0;
-    const auto full = static_cast<float>(e.full_scale);
+    // Of files that hold fractions a highlight may be above 1, and noise below 0.
+    const bool fractions = e.full_scale == 1;
+    const float least = fractions ? -FLT_MAX : 0, full = fractions ? FLT_MAX : static_cast<float>(e.full_scale);
     const int values = e.values.width() * e.values.channels();
     parallel_for(e.values.height(), [&](int y) {
       const float* row = e.values.row(y);
       bool all = true;
-      for (int i = 0; i < values; ++i) all &= row[i] >= 0 && row[i] <= full;  // false for what is no number
+      for (int i = 0; i < values; ++i) all &= row[i] >= least && row[i] <= full;  // false for what is no number
       if (!all) possible = false;
     });
     if (possible) return {};

@@ -8,7 +8,7 @@
 namespace countershade::capture {
 
 // Hands on what `camera` gives and keeps its health(). Error: kDevice where a photo has no pixels, or a value that is
-// no number, below 0 or above full scale.
+// no number, below 0 or above full scale (which fractions of a file of floats may be).
 std::unique_ptr<Camera> watched(std::unique_ptr<Camera> camera);
 
 }  // namespace countershade::capture

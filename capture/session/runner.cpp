@@ -421,7 +421,7 @@ Result<Capture::Change> Capture::view_changed() {
       CS_TRY(const Pictures next, stage_.pictures_of(sequence_.frames[looked_at[i + 1]]));
       CS_TRY_VOID(stage_.show_ahead(next));
     }
-    CS_TRY(Change change, moved(f, std::move(now), show));
+    CS_TRY(Change change, moved(f, std::move(now), shown ? std::function<Result<void>()>(show) : nullptr));
     if (change.why.empty()) continue;
     if (change.shift_px == 0 && !is_striped(sequence_.frames[f].role)) return change;
     if (largest.why.empty() || change.shift_px > largest.shift_px) largest = std::move(change);

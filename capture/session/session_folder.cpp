@@ -146,7 +146,9 @@ void mark_unhealthy(const fs::path& folder, const Devices& devices) {
   const fs::path path = folder / kUnhealthy;
   if (cameras.empty() && asked) fs::remove(path, ignored);
   if (!cameras.empty())
-    static_cast<void>(write_atomically(path, nlohmann::ordered_json{{"cameras", cameras}}.dump(1) + "\n"));
+    static_cast<void>(write_atomically(path, nlohmann::ordered_json{{"cameras", cameras}}.dump(
+                                                 1, ' ', false, nlohmann::ordered_json::error_handler_t::replace) +
+                                                 "\n"));
 }
 
 std::vector<std::string> unhealthy_cameras(const fs::path& folder) {

@@ -205,10 +205,26 @@ TEST(Inspection, ACameraThatFailsStandsOnThePageAsUnhealthy) {
     const auto inspection = inspect(room.rig, devices, quiet);
     ASSERT_TRUE(inspection) << inspection.error().message;
     const Finding& last = inspection->findings.back();
+    EXPECT_EQ(inspection->findings.size() > 6, photos == 25) << "what was found before stands there";
     EXPECT_THAT(last.what, HasSubstr("health"));
     EXPECT_THAT(last.measured, HasSubstr("unhealthy: camera 'camera' was unplugged"));
     EXPECT_EQ(light_of(last), "WRONG");
   }
+}
+
+TEST(Inspection, ACameraThatFailsFromTheBeginningDoesNotHideTheNext) {
+  simdata::RigAndRoom room = small_room();
+  room.rig.cameras.push_back(room.rig.cameras[0]);
+  room.simulation.cameras.push_back(room.simulation.cameras[0]);
+  room.rig.cameras[1].id = room.simulation.cameras[1].id = "second";
+  SilentProgress quiet;
+  const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
+  capture::Devices devices = simdata::simulated_devices(simulator);
+  devices.cameras[0] = capture::watched(std::make_unique<Failing>(std::move(devices.cameras[0]), 0));
+  const auto inspection = inspect(room.rig, devices, quiet);
+  ASSERT_TRUE(inspection) << inspection.error().message;
+  EXPECT_EQ(light(*inspection, "camera camera: health"), "WRONG") << all_of(*inspection);
+  EXPECT_EQ(light(*inspection, "camera second: exposure of white"), "ok") << all_of(*inspection);
 }
 
 TEST(WholeRefreshes, AreTheLongestThatDoNotExceedWhatIsWanted) {

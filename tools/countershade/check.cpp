@@ -33,6 +33,11 @@ std::string text_of(const std::vector<Finding>& findings) {
   return text;
 }
 
+// Also of what cameras and commands say, in whichever encoding.
+std::string json_text(const nlohmann::json& document) {
+  return document.dump(1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
+}
+
 Result<Answer> run_check(const Options& options, const Context& context) {
   CS_TRY(const Rig rig, read_rig(options.rig));
   CS_TRY(const OpenDevices open, open_devices(rig, options.rig, *context.progress));
@@ -50,7 +55,7 @@ Result<Answer> run_check(const Options& options, const Context& context) {
                         {"remedy", f.ok && !f.caution ? "" : f.remedy}});
     all_ok = all_ok && f.ok;
   }
-  return Answer{text_of(findings) + "page: " + options.page.string() + "\n", document.dump(1) + "\n", all_ok ? 0 : 1};
+  return Answer{text_of(findings) + "page: " + options.page.string() + "\n", json_text(document), all_ok ? 0 : 1};
 }
 
 // Whether a shell would find it.
@@ -136,7 +141,7 @@ Result<Answer> run_devices(const DevicesOptions& options, const Context& context
     text += fmt::format("{:<32} {:<25} {}\n", row.name, row.state, row.remedy);
     document.push_back({{"backend", row.name}, {"state", row.state}, {"remedy", row.remedy}});
   }
-  return Answer{text, document.dump(1) + "\n"};
+  return Answer{text, json_text(document)};
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <mutex>
 
 #include "calib/base/check.h"
+#include "capture/device/aravis/free_run.h"
 #include "capture/device/aravis/genicam_check.h"
 #include "capture/device/aravis/gige_network.h"
 #include "capture/device/aravis/gvsp_filter.h"
@@ -40,7 +41,6 @@ constexpr int kBuffers = 4;
 // Of a camera that runs freely: photos that may be held inside it, and after a change of exposure, which many cameras
 // obey late; those after which it is given up that one is new.
 constexpr int kInFlight = 2, kUntilExposed = 4, kMostOld = 200;
-constexpr double kClockSet = 2e-3;                        // s: by more, and somebody has set the wall clock
 constexpr std::size_t kMostBytes = std::size_t{1} << 30;  // of a photo: more, and the camera is wrong about itself
 constexpr std::size_t kBesides = 1 << 20;                 // bytes that a camera may send with a photo
 
@@ -190,10 +190,13 @@ Result<void> OpenCamera::set_up() {
   CS_TRY_VOID(negotiate_packets());
   arv_camera_set_acquisition_mode(camera_.get(), ARV_ACQUISITION_MODE_CONTINUOUS, failure.out());
   if (failure) return failed("acquisition mode", failure);
-  runs_freely_ = !has("TriggerSoftware");
-  if (runs_freely_) return switch_off("TriggerMode");
-  arv_camera_set_trigger(camera_.get(), "Software", failure.out());
-  if (failure) return failed("it cannot be triggered by software", failure);
+  runs_freely_ = !arv_camera_is_software_trigger_supported(camera_.get(), failure.out());
+  if (failure) return failed("whether it can be triggered by software cannot be asked", failure);
+  if (!runs_freely_)
+    arv_camera_set_trigger(camera_.get(), "Software", failure.out());
+  else if (has("TriggerMode"))
+    arv_camera_clear_triggers(camera_.get(), failure.out());
+  if (failure) return failed("its trigger cannot be set", failure);
   return {};
 }
 
@@ -273,16 +276,19 @@ Result<void> OpenCamera::arm(double exposure_ms) {
       return error(ErrorCode::kBadValue,
                    "camera '{}': exposures_ms = {} is outside what it can do, {} to {} ms; correct the rig", id_,
                    exposure_ms, least / 1e3, most / 1e3);
+    if (exposure_ms != exposure_ms_) in_flight_ = kUntilExposed;
     arv_camera_set_exposure_time(camera_.get(), 1e3 * exposure_ms, failure.out());
     if (failure) return failed(fmt::format("an exposure of {} ms", exposure_ms), failure);
   }
   const double now = arv_camera_get_exposure_time(camera_.get(), failure.out()) / 1e3;
   if (failure) return failed("its exposure cannot be read", failure);
-  if (exposure_ms > 0 && std::abs(now - exposure_ms) > kExposureTolerance * exposure_ms)
+  if (exposure_ms > 0 && std::abs(now - exposure_ms) > kExposureTolerance * exposure_ms) {
+    exposure_ms_ = now;
     return error(ErrorCode::kDevice,
                  "camera '{}': an exposure of {} ms was asked for, it reads back {} ms; write that into the rig", id_,
                  exposure_ms, now);
-  if (std::exchange(exposure_ms_, now) != now) in_flight_ = kUntilExposed;
+  }
+  exposure_ms_ = now;
   if (!stream_) CS_TRY_VOID(start());
   armed_ = true;
   return {};
@@ -324,18 +330,14 @@ Result<Exposure> OpenCamera::read_out(ArvBuffer* buffer) {
 // first packet came, and those held inside a camera are passed over, too. Null where none comes.
 ArvBuffer* OpenCamera::next_photo() {
   const auto wait_us = static_cast<guint64>(1e6 * options_.timeout_s + 1e3 * exposure_ms_);
-  double asked_s = wall_s(), offset_s = asked_s - monotonic_s();
-  int left = in_flight_;
+  FreeRun free_run;
+  free_run.ask(wall_s(), monotonic_s(), in_flight_);
   for (int i = 0; i < kMostOld; ++i) {
     ArvBuffer* buffer = arv_stream_timeout_pop_buffer(stream_.get(), wait_us);
     if (buffer == nullptr || !runs_freely_) return buffer;
-    if (const double now = wall_s(), offset = now - monotonic_s(); std::abs(offset - offset_s) > kClockSet)
-      asked_s = now, offset_s = offset, left = in_flight_;
     const double came_s = 1e-9 * static_cast<double>(arv_buffer_get_system_timestamp(buffer));
-    const bool is_new = came_s - 1e-3 * exposure_ms_ > asked_s && came_s <= wall_s();
-    if (is_new && left-- == 0) {
-      in_flight_ = kInFlight;
-      begun_s_ = came_s - 1e-3 * exposure_ms_ - offset_s;
+    if (const auto begun = free_run.begun(came_s, 1e-3 * exposure_ms_, wall_s(), monotonic_s())) {
+      in_flight_ = kInFlight, begun_s_ = *begun;
       return buffer;
     }
     arv_stream_push_buffer(stream_.get(), buffer);

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 
 namespace countershade::capture {
 
@@ -66,7 +67,10 @@ std::vector<std::uint8_t> CameraMemory::block(std::uint32_t at, std::uint32_t co
     std::array<std::uint8_t, 1024> answer{};
     pollfd waiting{file_, POLLIN, 0};
     if (send(file_, question, sizeof question, 0) < 0) continue;
-    while (poll(&waiting, 1, 500) > 0) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(500);
+    while (true) {
+      const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(until - std::chrono::steady_clock::now());
+      if (left.count() <= 0 || poll(&waiting, 1, static_cast<int>(left.count())) <= 0) break;
       const ssize_t n = recv(file_, answer.data(), answer.size(), 0);
       if (n < 0) break;
       const bool ours = n >= 12 + static_cast<ssize_t>(count) && answer[3] == 0x85 && answer[6] == question[6] &&

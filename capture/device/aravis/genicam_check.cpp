@@ -33,10 +33,12 @@ struct Place {
 Place place_of(const Bytes& register_text) {
   Place place;
   place.text.assign(register_text.begin(), std::find(register_text.begin(), register_text.end(), 0));
+  // As Aravis reads it: small letters, blanks left out, the last two parts are numbers, whatever stands before.
   std::string url = place.text;
   std::transform(url.begin(), url.end(), url.begin(), g_ascii_tolower);
-  std::vector<std::string> parts(1);
-  for (const char c : url) c == ';' ? parts.emplace_back() : parts.back() += c;
+  std::erase_if(url, [](char c) { return g_ascii_isspace(c); });
+  const std::size_t last = url.rfind(';'),
+                    middle = last == std::string::npos || last == 0 ? last : url.rfind(';', last - 1);
   const auto hex = [](std::string digits) -> std::optional<std::uint64_t> {
     if (digits.starts_with("0x")) digits.erase(0, 2);
     std::uint64_t value = 0;
@@ -45,8 +47,10 @@ Place place_of(const Bytes& register_text) {
     if (read.ec != std::errc()) return std::nullopt;
     return value;
   };
-  if (parts.size() >= 3 && parts[0].starts_with("local:")) place.at = hex(parts[1]), place.size = hex(parts[2]);
-  place.zipped = parts[0].ends_with(".zip");
+  if (last == std::string::npos || middle == std::string::npos || middle == last || !url.starts_with("local:"))
+    return place;
+  place.at = hex(url.substr(middle + 1, last - middle - 1)), place.size = hex(url.substr(last + 1));
+  place.zipped = url.substr(0, middle).ends_with(".zip");
   return place;
 }
 

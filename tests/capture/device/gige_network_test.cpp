@@ -36,11 +36,11 @@ TEST(PacketAdvice, NamesTheCardThatTakesSmallPackets) {
 }
 
 TEST(NetworkCards, AreThoseOfThisComputer) {
-  for (const NetworkCard& card : network_cards()) {
-    EXPECT_FALSE(card.name.empty());
-    EXPECT_NE(card.address & card.mask, 0u) << card.name;
-    EXPECT_GT(card.mtu, 0) << card.name;
-  }
+  const std::vector<NetworkCard> cards = network_cards();
+  if (cards.empty()) GTEST_SKIP() << "no network here, not even with itself";
+  for (const NetworkCard& card : cards) EXPECT_GT(card.mtu, 0) << card.name;
+  EXPECT_THAT(cards, ::testing::Contains(::testing::AllOf(::testing::Field(&NetworkCard::address, ip(127, 0, 0, 1)),
+                                                          ::testing::Field(&NetworkCard::mask, ip(255, 0, 0, 0)))));
 }
 
 TEST(IsControlled, NobodyControlsACameraThatIsNotThere) {

@@ -79,6 +79,18 @@ TEST(Watched, RefusesWhatCannotBeAPhoto) {
   }
 }
 
+TEST(Watched, FractionsMayHaveHighlightsAndNoise) {
+  const auto camera = watched(std::make_unique<Scripted>([](int i) -> Result<Exposure> {
+    Exposure e = good(i);
+    e.full_scale = 1;
+    e.values.at(0, 0, 0) = 7, e.values.at(1, 0, 0) = -.01f;
+    if (i == 1) e.values.at(2, 0, 0) = std::nanf("");
+    return e;
+  }));
+  EXPECT_TRUE(camera->trigger());
+  EXPECT_FALSE(camera->trigger());
+}
+
 TEST(Watched, AnExposureThatIsRefusedIsUnhealthyUntilOneIsTaken) {
   const auto camera = watched(std::make_unique<Scripted>([](int i) -> Result<Exposure> { return good(i); }));
   ASSERT_FALSE(camera->arm(200));

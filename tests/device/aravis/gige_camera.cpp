@@ -15,6 +15,7 @@
 #include <chrono>
 #include <cstring>
 #include <ctime>
+#include <deque>
 #include <optional>
 #include <random>
 
@@ -90,6 +91,7 @@ struct GigeCamera::State {
   std::uint64_t taken_ns = 0;
   int control = -1, stream = -1;
   std::mt19937 random{20};
+  std::deque<double> exposures;                 // that were set, the newest last [us]
   std::vector<std::vector<std::uint8_t>> held;  // packets that wait for the next photo
   struct Exposed {
     std::vector<std::uint8_t> photo;
@@ -130,7 +132,8 @@ void GigeCamera::State::start() {
   text(kVendor, "Countershade"), text(kModel, "RoomCamera"), text(kDeviceVersion, "1"), text(kSerial, options.serial);
   const std::size_t claimed = options.claimed_description > 0 ? options.claimed_description : xml.size();
   const char* file = xml.starts_with("PK") ? "room.zip" : "room.xml";
-  text(kFirstUrl, fmt::format("Local:{};{:x};{:x}", file, kXmlAt, claimed)), text(kXmlAt, xml);
+  const std::string blanks(options.blanks ? 4 : 0, ' ');
+  text(kFirstUrl, fmt::format("Local:{0}{1};{0}{2:x};{0}{3:x}", blanks, file, kXmlAt, claimed)), text(kXmlAt, xml);
   set(kChannels, 1), set(kCapabilities, 0x7), set(kHeartbeat, 3000), set(kTickLow, 1000000000);
   set(kPacketSize, 1400), set(kWidth, options.width), set(kHeight, options.height);
   for (const capture::PixelFormat& f : capture::pixel_formats())
@@ -250,7 +253,9 @@ void GigeCamera::State::develop(const std::vector<std::uint16_t>& values) {
 }
 
 void GigeCamera::State::take(std::atomic<int>& photos) {
-  const double exposure_us = get(kExposure);
+  exposures.push_back(get(kExposure));
+  while (static_cast<int>(exposures.size()) > options.obeys_after + 1) exposures.pop_front();
+  const double exposure_us = exposures.front();
   usleep(static_cast<useconds_t>(exposure_us));
   ++photos;
   if (options.silent) return;

@@ -58,6 +58,8 @@ struct GigeOptions {
   bool repeats_frame = false;   // every second photo is the one before, with its number
   int unplug_after = 0;         // it is unplugged when it has taken so many photos; 0 = never
   bool runs_freely = false;     // cannot be triggered; exposes one photo while it sends the one before
+  bool blanks = false;          // in the place of its description
+  int obeys_after = 0;          // so many photos pass until one has the exposure that was set
   GigeFault fault = GigeFault::kNone;
   std::string description = "";         // instead of the right one; "" = that
   std::size_t claimed_description = 0;  // bytes that it says it has; 0 = the truth

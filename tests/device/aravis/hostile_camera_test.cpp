@@ -184,8 +184,9 @@ class HostileDescription : public Hostile {
     return text.replace(at, part.size(), by);
   }
   // What opening and arming it says; "" where a photo comes.
-  std::string complaint(const std::string& description, std::size_t claimed = 0) {
+  std::string complaint(const std::string& description, std::size_t claimed = 0, bool blanks = false) {
     GigeOptions options = with(GigeFault::kNone);
+    options.blanks = blanks;
     options.description = description, options.claimed_description = claimed;
     plug_in(options);
     const auto said = [](const Error& e) {
@@ -251,6 +252,14 @@ Archive zipped(const std::string& text) {
 
 TEST_F(HostileDescription, AZippedOneIsTaken) {
   EXPECT_EQ(complaint(zipped(with_part(kExposure, kExposure)).bytes), "");
+}
+
+TEST_F(HostileDescription, BlanksInItsPlaceHideNothing) {
+  Archive archive = zipped(with_part(kExposure, kExposure));
+  EXPECT_EQ(complaint(archive.bytes, 0, true), "");
+  archive.number(archive.directory + 24, 1u << 30);
+  EXPECT_THAT(complaint(archive.bytes, 0, true), HasSubstr("1024 MB unpacked"));
+  EXPECT_THAT(complaint("", 50 << 20, true), HasSubstr("longer than 8 MB"));
 }
 
 // Each of them ends Aravis 0.8.26, or has it ask for gigabytes.

@@ -111,7 +111,6 @@ class Player final : public capture::Camera {
     }
     sleep_until(from + kExposureMs + kReadOutMs);
     last_ms = now_ms();
-
     ++photos;
     return e;
   }
@@ -139,7 +138,6 @@ class WallProjector final : public capture::Projector {
   }
   Result<void> hand_over(const Picture& picture) override {
     wall_.hand_over(at_, picture);
-
     return simulated_ ? simulated_->show(picture) : Result<void>();
   }
   Result<void> taken() override {

@@ -135,6 +135,19 @@ Result<void> check_displays(const Rig& rig, std::vector<Finding>& findings) {
 
 }  // namespace
 
+Finding health_of(const capture::Camera& camera) {
+  const capture::Health health = camera.health();
+  const std::string why = health.unhealthy();
+  Finding f{fmt::format("camera {}: health", camera.id()),
+            why.empty()
+                ? fmt::format("{} photos, {} taken again since they did not arrive whole", health.photos, health.again)
+                : "unhealthy: " + why,
+            "cable, network card, hub; fewer programs on this computer; switch the camera off and on again",
+            why.empty()};
+  f.caution = health.again > 0;
+  return f;
+}
+
 Result<std::vector<Finding>> self_check(const Rig& rig, const capture::Devices& devices, Progress& progress) {
   std::vector<Finding> findings;
   CS_TRY_VOID(check_displays(rig, findings));
@@ -142,7 +155,11 @@ Result<std::vector<Finding>> self_check(const Rig& rig, const capture::Devices& 
     progress.step("check", i, devices.cameras.size());
     const CameraSpec* spec = rig.camera(devices.cameras[i]->id());
     CS_CHECK(spec, "a device of another rig");
-    CS_TRY_VOID(check_camera(*spec, devices, *devices.cameras[i], findings));
+    const auto checked = check_camera(*spec, devices, *devices.cameras[i], findings);
+    if (checked) continue;
+    const bool its_own = checked.error().code == ErrorCode::kDevice && !devices.cameras[i]->health().failure.empty();
+    if (!its_own) return checked.error();
+    findings.push_back(health_of(*devices.cameras[i]));
   }
   progress.step("check", devices.cameras.size(), devices.cameras.size());
   return findings;
