@@ -5,6 +5,7 @@
 //   session/sequence.json     the frames in order (CONTRACT, `patterns/`)
 //   session/photos/<camera>/0007.tif     stored values as the camera gave them
 //   session/unused.json       where the photos show something else than the frames, e.g. marks of identity
+//   session/unhealthy.json    which cameras failed or had to be asked again and again, while that is so
 //   session/session.json      format_version
 #pragma once
 
