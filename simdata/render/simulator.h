@@ -91,7 +91,8 @@ class Simulator {
 // of reading out. A photo is the mean of what was visible while each row was exposed (Timeline). The noise of a photo
 // depends on the seed, the camera, the pictures seen, the exposure and the number of photos of that exposure since the
 // last show(), so a session that was interrupted and resumed has the same bytes as one that was not, unless the time
-// itself is seen (wheel, pulses, jitter, warm-up, lamps on the mains); faults, which act on photos by number, begin anew.
+// itself is seen (wheel, pulses, jitter, warm-up, lamps on the mains); faults, which act on photos by number, begin
+// anew.
 capture::Devices simulated_devices(std::shared_ptr<const Simulator> simulator, std::vector<Fault> faults = {});
 
 }  // namespace countershade::simdata
