@@ -523,11 +523,12 @@ Result<void> capture_session(const Rig& rig, const std::string& simulation_toml,
   CS_TRY(const FolderLock lock, FolderLock::take(folder));
   CS_TRY_VOID(write_or_compare_header(folder, rig, simulation_toml, sequence, options.extend));
   CS_TRY_VOID(capture.load_stored());
-  for (const std::string& line : unhealthy_cameras(folder)) progress.note(line + " (when this session was left)");
+  const std::vector<std::string> before = unhealthy_cameras(folder);
+  for (const std::string& line : before) progress.note(line + " (when this session was left)");
   const auto taken = capture.take_missing();
   mark_unhealthy(folder, devices);
-  if (taken)
-    for (const std::string& line : unhealthy_cameras(folder)) progress.warn(line);
+  if (const std::vector<std::string> now = unhealthy_cameras(folder); taken && now != before)
+    for (const std::string& line : now) progress.warn(line);
   return taken;
 }
 

@@ -9,6 +9,7 @@
 #include "capture/device/health.h"
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
+#include "tests/support/edited_camera.h"
 
 namespace countershade::tools {
 namespace {
@@ -132,6 +133,19 @@ TEST(Inspection, AResponseThatIsNotTheCamerasDoesNotAddUp) {
   EXPECT_EQ(light(*inspection, "adds up"), "WRONG") << all_of(*inspection);
 }
 
+TEST(Inspection, ALitRoomCouldBeDarkerAndIsWrongOnlyWhereItIsBrighterThanThePictures) {
+  for (const auto& [ambient, says] : {std::pair(.01, "ok"), {.25, "LOOK"}, {3., "WRONG"}}) {
+    simdata::RigAndRoom room = small_room();
+    room.simulation.ambient = ambient;
+    room.simulation.cameras[0].white_level /= ambient < 1 ? 1 + ambient : 2;
+    const Inspection inspection = inspected(room);
+    EXPECT_EQ(light(inspection, "room in the dark"), says) << ambient << "\n" << all_of(inspection);
+    if (ambient < 1) {
+      EXPECT_NE(light(inspection, "movement"), "none") << "nothing else is wrong: the page goes on";
+    }
+  }
+}
+
 TEST(Inspection, LatencyIsThatOfTheDisplay) {
   for (const double latency : {0.0, 33.4, 80.0}) {
     simdata::RigAndRoom room = small_room();
@@ -180,20 +194,13 @@ TEST(WholePulses, AreWholeRefreshesToo) {
 }
 
 // Hands out so many photos, then none any more.
-class Failing final : public capture::Camera {
- public:
-  Failing(std::unique_ptr<capture::Camera> camera, int photos) : camera_(std::move(camera)), left_(photos) {}
-  const std::string& id() const override { return camera_->id(); }
-  Result<void> arm(double exposure_ms) override { return camera_->arm(exposure_ms); }
-  Result<capture::Exposure> trigger() override {
-    if (left_-- <= 0) return error(ErrorCode::kDevice, "camera '{}' was unplugged", id());
-    return camera_->trigger();
-  }
-
- private:
-  std::unique_ptr<capture::Camera> camera_;
-  int left_;
-};
+std::unique_ptr<capture::Camera> failing(std::unique_ptr<capture::Camera> camera, int photos) {
+  return capture::watched(std::make_unique<testing::EditedCamera>(
+      std::move(camera), [photos](Result<capture::Exposure> taken, int n) -> Result<capture::Exposure> {
+        if (n < photos) return taken;
+        return error(ErrorCode::kDevice, "camera 'camera' was unplugged");
+      }));
+}
 
 TEST(Inspection, ACameraThatFailsStandsOnThePageAsUnhealthy) {
   const simdata::RigAndRoom room = small_room();
@@ -201,7 +208,7 @@ TEST(Inspection, ACameraThatFailsStandsOnThePageAsUnhealthy) {
   const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
   for (const int photos : {0, 3, 25}) {
     capture::Devices devices = simdata::simulated_devices(simulator);
-    devices.cameras[0] = capture::watched(std::make_unique<Failing>(std::move(devices.cameras[0]), photos));
+    devices.cameras[0] = failing(std::move(devices.cameras[0]), photos);
     const auto inspection = inspect(room.rig, devices, quiet);
     ASSERT_TRUE(inspection) << inspection.error().message;
     const Finding& last = inspection->findings.back();
@@ -220,7 +227,7 @@ TEST(Inspection, ACameraThatFailsFromTheBeginningDoesNotHideTheNext) {
   SilentProgress quiet;
   const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
   capture::Devices devices = simdata::simulated_devices(simulator);
-  devices.cameras[0] = capture::watched(std::make_unique<Failing>(std::move(devices.cameras[0]), 0));
+  devices.cameras[0] = failing(std::move(devices.cameras[0]), 0);
   const auto inspection = inspect(room.rig, devices, quiet);
   ASSERT_TRUE(inspection) << inspection.error().message;
   EXPECT_EQ(light(*inspection, "camera camera: health"), "WRONG") << all_of(*inspection);

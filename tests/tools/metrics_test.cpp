@@ -95,6 +95,18 @@ TEST(Metrics, GreyLevelsAreClippedButLinearNumbersAreNot) {
   EXPECT_NEAR(n.all.uncompensated.mean_percent, 30, 1e-3);
 }
 
+// In a lit room the target may be above white, and grey levels clip: how much of the edge zone that is.
+TEST(Metrics, EdgesAboveWhiteAreCounted) {
+  Scene scene(0.1);
+  EXPECT_EQ(measure(scene.input()).above_white_share, 0);
+  for (int y = 0; y < 64; ++y)  // green in half of the edge zone; beside it all of them, which does not count
+    for (int x = 48; x < 88; ++x) {
+      scene.t.at(x, y, 1) += 0.6f;
+      if (x >= 56) scene.t.at(x, y, 0) += 0.6f, scene.t.at(x, y, 2) += 0.6f;
+    }
+  EXPECT_NEAR(measure(scene.input()).above_white_share, 1 / 6., 1e-9);
+}
+
 TEST(Metrics, PaperMeasureIsTheShareOfLightTakenAway) {
   Scene s(0);
   fill(s.u, 0.5, 0.4, 0.3);

@@ -164,6 +164,11 @@ Result<Verification> report_verification(const Calibration& calibration,
            png});
   }
   report.notes = summary.notes;
+  if (report.numbers.above_white_share > 0.1)
+    report.notes.push_back(fmt::format(
+        "{:.0f} % of the edge zone are brighter than white, since the room is lit: grey levels clip there and tell "
+        "nothing of them; the numbers in % of white do",
+        100 * report.numbers.above_white_share));
   CS_TRY_VOID(write_report(out, report, record));
   return Verification{report.numbers, report.verdict};
 }

@@ -266,6 +266,7 @@ Table shares_table(const VerifyNumbers& n) {
   t.rows = {{"blocks that need clipping", percent(n.clipped_share)},
             {"blocks worse than the plain show, beyond noise", percent(n.worse_share)},
             {"lit pixels that the model does not cover (they count)", percent(n.uncovered_share)},
+            {"the edge zone brighter than white, where grey levels say nothing", percent(n.above_white_share)},
             {"lit pixels in no block (not finite, or at the rim of the light)", percent(n.unused_share)},
             {"mean(U \u2212 C) / mean(U), the measure of Bimber et al. 2006", percent(n.paper_measure)}};
   return t;

@@ -223,6 +223,10 @@ VerifyNumbers measure(const VerifyInput& in) {
   n.all = zone(blocks, in.white, any);
   n.unclipped = zone(blocks, in.white, [](const Sample& s) { return !s.clipped; });
   n.edge = zone(blocks, in.white, [](const Sample& s) { return s.edge; });
+  std::size_t above = 0, near = 0;
+  for (const Sample& s : blocks)
+    for (int k = 0; k < 3 && s.edge; ++k) above += s.t[k] > in.white, ++near;
+  n.above_white_share = near > 0 ? static_cast<double>(above) / static_cast<double>(near) : 0;
   n.per_pixel = zone(pixels, in.white, any);
   n.pixel_mean_percent = n.per_pixel.compensated.mean_percent;
   const double sigma = in.pixel_noise * std::sqrt(1 + in.target_noise * in.target_noise);  // of C - T, one pixel

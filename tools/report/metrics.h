@@ -61,6 +61,7 @@ struct VerifyNumbers {
   double paper_measure = 0;              // mean(U - C) / mean(U), as in Bimber et al. 2006
   double clipped_share = 0;              // blocks that need clipping
   double uncovered_share = 0;            // lit pixels that the model does not cover (they count in all numbers)
+  double above_white_share = 0;          // of the edge zone's blocks and channels: T is above W, where grey levels clip
   double unused_share = 0;               // lit pixels in no block: not finite, or in blocks that are mostly dark
   double worse_share = 0;                // blocks and channels farther from T than before by more than 3 sigma
   double pixel_mean_percent = 0;         // |C - T| per pixel

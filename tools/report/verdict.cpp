@@ -127,6 +127,7 @@ std::string numbers_json(const VerifyNumbers& n, const Verdict& verdict) {
                          {"paper_measure", number(n.paper_measure)},
                          {"clipped_share", number(n.clipped_share)},
                          {"uncovered_share", number(n.uncovered_share)},
+                         {"above_white_share", number(n.above_white_share)},
                          {"unused_share", number(n.unused_share)},
                          {"worse_share", number(n.worse_share)},
                          {"pixel_mean_percent_of_white", number(n.pixel_mean_percent)},

@@ -406,14 +406,6 @@ bool names(const AravisCamera& camera, const std::string& full_id, const std::st
   return device == camera.device || device == camera.address || device == camera.name || device == full_id;
 }
 
-}  // namespace
-
-bool has_aravis() {
-  return true;
-}
-
-namespace {
-
 struct Listed {
   AravisCamera camera;
   std::string full_id;
@@ -423,22 +415,15 @@ std::vector<Listed> listed() {
   std::vector<Listed> all;
   for (unsigned i = 0; i < arv_get_n_devices(); ++i) {
     const std::string serial = or_empty(arv_get_device_serial_nbr(i)), address = or_empty(arv_get_device_address(i));
-    all.push_back({{serial.empty() ? address : serial,
-                    or_empty(arv_get_device_vendor(i)) + " " + or_empty(arv_get_device_model(i)),
-                    or_empty(arv_get_device_protocol(i)),
-                    address,
-                    {},
-                    {},
-                    {},
-                    {}},
-                   or_empty(arv_get_device_id(i))});
+    Listed l;
+    l.camera.device = serial.empty() ? address : serial;
+    l.camera.name = or_empty(arv_get_device_vendor(i)) + " " + or_empty(arv_get_device_model(i));
+    l.camera.protocol = or_empty(arv_get_device_protocol(i)), l.camera.address = address;
+    l.full_id = or_empty(arv_get_device_id(i));
+    all.push_back(std::move(l));
   }
   return all;
 }
-
-}  // namespace
-
-namespace {
 
 // One that stands on the list, once its description has been looked through.
 Result<Owned<ArvCamera>> opened(const Listed& l) {
@@ -486,6 +471,10 @@ void look_at(Listed& l, const std::vector<NetworkCard>& cards) {
 }
 
 }  // namespace
+
+bool has_aravis() {
+  return true;
+}
 
 std::vector<AravisCamera> list_aravis_cameras() {
   const std::lock_guard lock(system_mutex());

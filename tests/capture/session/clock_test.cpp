@@ -10,6 +10,7 @@
 #include "simdata/render/simulator.h"
 #include "simdata/room/rooms.h"
 #include "tests/support/cli.h"
+#include "tests/support/edited_camera.h"
 
 namespace countershade {
 namespace {
@@ -17,24 +18,6 @@ namespace {
 namespace fs = std::filesystem;
 
 using Clock = double (*)(double time_s, int photo);
-
-// A camera that says another time than it is.
-class LyingCamera final : public capture::Camera {
- public:
-  LyingCamera(std::unique_ptr<capture::Camera> camera, Clock clock) : camera_(std::move(camera)), clock_(clock) {}
-  const std::string& id() const override { return camera_->id(); }
-  Result<void> arm(double exposure_ms) override { return camera_->arm(exposure_ms); }
-  Result<capture::Exposure> trigger() override {
-    auto taken = camera_->trigger();
-    if (taken) taken->timestamp_s = clock_(taken->timestamp_s, photos_++);
-    return taken;
-  }
-
- private:
-  std::unique_ptr<capture::Camera> camera_;
-  Clock clock_;
-  int photos_ = 0;
-};
 
 // A room without noise, so that a photo is right or it is not.
 simdata::RigAndRoom room_with(double latency_ms) {
@@ -55,7 +38,12 @@ class PhotoTimes : public ::testing::Test {
     const simdata::RigAndRoom room = room_with(latency_ms);
     const auto simulator = simdata::Simulator::make(room.rig, room.simulation, quiet).value();
     capture::Devices devices = simdata::simulated_devices(simulator);
-    devices.cameras[0] = std::make_unique<LyingCamera>(std::move(devices.cameras[0]), clock);
+    devices.cameras[0] = std::make_unique<testing::EditedCamera>(std::move(devices.cameras[0]),
+                                                                 [clock](Result<capture::Exposure> taken, int n) {
+                                                                   if (taken)
+                                                                     taken->timestamp_s = clock(taken->timestamp_s, n);
+                                                                   return taken;
+                                                                 });
     double waited_ms = 0;
     const auto inner = devices.clock;
     devices.clock = [&waited_ms, inner](double ms) {

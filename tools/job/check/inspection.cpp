@@ -56,8 +56,7 @@ std::string mains_remedy(double exposure_ms, double refresh_hz) {
     return "a lamp pulses: switch it off; no exposure of up to twelve refreshes is whole pulses of the mains";
   if (expose.empty())
     return "light comes and goes, and not with the mains (the exposure is whole pulses of both): dimmed LEDs, a "
-           "screen, "
-           "daylight through moving leaves; switch it off or close the blind";
+           "screen, daylight through moving leaves; switch it off or close the blind";
   return fmt::format(
       "a lamp pulses: switch it off, or set exposures_ms to whole refreshes that are whole pulses too: {}", expose);
 }

@@ -16,10 +16,10 @@ struct Inspection {
 
 // self_check(), and if that is all right, of each camera:
 //   latency of steps from black to white and back (median, longest, spread), how much light swings from photo to photo
-//   in the dark and in white light, its health, exposures that are whole refreshes and bring white to 80
-//   % of full scale, signal to noise in white, half the light in half the exposure, whether light adds (the camera's
-//   response), sharpness of stripes, what of the photo each projector lights and whether that leaves the photo,
-//   movement between photos.
+//   in the dark and in white light, exposures that are whole refreshes and bring white to 80 % of full scale, signal to
+//   noise in white, half the light in half the exposure, whether light adds (the camera's response), sharpness of
+//   stripes, what of the photo each projector lights and whether that leaves the photo, movement between photos, the
+//   camera's health.
 // About 60 photos at each camera's first exposure. A camera that is watched and fails is a finding like any other,
 // after which the next one is looked at; other errors of devices are errors.
 Result<Inspection> inspect(const Rig& rig, const capture::Devices& devices, Progress& progress);
