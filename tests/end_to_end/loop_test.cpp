@@ -32,7 +32,7 @@ using testing::write_rig;
 // Not dark: what bounces of the room's own light is no error of the show.
 simdata::RigAndRoom small_room() {
   simdata::RigAndRoom room = simdata::small_two_wall(3, {480, 300}, 1024);
-  room.simulation.ambient = .04;
+  room.simulation.ambient = .12;
   return room;
 }
 

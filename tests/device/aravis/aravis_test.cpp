@@ -216,10 +216,10 @@ TEST_F(Aravis, ACameraThatRunsFreelyGivesPhotosThatWereBegunAfterTheQuestion) {
     auto opened = open_aravis_camera("left eye", "", {.timeout_s = .5, .tries = 10});
     ASSERT_TRUE(opened) << opened.error().message;
     for (int photo = 1; photo <= 30; ++photo) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(7 * photo % 31));  // what waits behind a hole is old
       if (photo % 10 == 1) {
         ASSERT_TRUE((*opened)->arm(photo % 20 == 1 ? 8 : 3));
       }
-      std::this_thread::sleep_for(std::chrono::milliseconds(7 * photo % 31));  // what waits behind a hole is old
       const auto value = static_cast<std::uint16_t>(2000 * photo);
       light->set(value);
       const double asked_s = now_s();
